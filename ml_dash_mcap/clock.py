@@ -1,0 +1,39 @@
+"""Seconds (a double, as users give them) and nanoseconds (an unsigned integer, as MCAP stores them)."""
+
+from __future__ import annotations
+
+NS_PER_S = 1_000_000_000
+
+END_S = 18_446_744_073.0
+"""The first time stamp that is refused, in seconds: MCAP's times are unsigned 64-bit nanoseconds (year 2554)."""
+
+EPOCH_LIKE_S = 100_000_000.0
+"""Time stamps from here on (March 1973, in seconds) are taken for wall-clock time, earlier ones for a clock that starts near 0."""
+
+
+def to_nanoseconds(seconds: float) -> int:
+    """Round a time stamp to nanoseconds.
+
+    The whole seconds are split off first: `seconds * 1e9` would be off by up to 128 ns at today's epoch times.
+
+    Args:
+        seconds: A finite time stamp with 0 <= seconds < `END_S`.
+    """
+    whole = int(seconds)
+    return whole * NS_PER_S + int((seconds - whole) * 1e9 + 0.5)
+
+
+def to_seconds(nanoseconds: int) -> float:
+    """Return the double nearest to a time in nanoseconds."""
+    return nanoseconds / NS_PER_S
+
+
+def sec_nsec(nanoseconds: int) -> dict[str, int]:
+    """Split a time into the `{"sec", "nsec"}` pair that Foxglove's JSON schemas use for times."""
+    sec, nsec = divmod(nanoseconds, NS_PER_S)
+    return {"sec": sec, "nsec": nsec}
+
+
+def is_epoch_like(seconds: float) -> bool:
+    """Whether a time stamp looks like wall-clock time rather than a clock that starts near 0."""
+    return seconds >= EPOCH_LIKE_S

@@ -1,0 +1,88 @@
+"""Every error this library raises.
+
+    RecorderError
+    ├── TimestampError       (ValueError)                a time stamp that is missing, not a number or out of range
+    ├── FieldError           (TypeError, ValueError)     a field that cannot be stored, or a reserved name
+    │   └── IntegerRangeError  (OverflowError)           an integer that 64 bits cannot hold
+    ├── TopicError           (ValueError)                a topic that is empty, too long or not text
+    ├── PrefixError          (ValueError)                a prefix or file name that is malformed or leaves its root
+    ├── OptionError          (ValueError)                a recorder option that makes no sense
+    ├── UsageError           (TypeError)                 a call with arguments that it does not take
+    ├── StateError           (RuntimeError)              used before it was started, after it was closed, or in a forked child
+    ├── BacklogFullError     (BufferError)               the writer fell behind and on_full="raise"
+    ├── StorageError         (OSError)                   a folder or file that cannot be made, written or locked
+    ├── NotFoundError        (KeyError)                  a topic, column or entry that is not there
+    └── DamagedFileError     (ValueError)                a file that is no MCAP, or whose bytes contradict themselves
+
+Each is also the builtin that a caller would expect, so `except ValueError` keeps working.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class RecorderError(Exception):
+    """The root of the tree: `except RecorderError` catches everything this library raises on purpose."""
+
+
+class TimestampError(RecorderError, ValueError):
+    """A `_ts` that is missing, not a number, not finite, negative or beyond what MCAP holds."""
+
+
+class FieldError(RecorderError, TypeError, ValueError):
+    """A field of a row that cannot be stored; the message names the topic and the field."""
+
+
+class IntegerRangeError(FieldError, OverflowError):
+    """An integer below -2**63 or above 2**64 - 1."""
+
+
+class TopicError(RecorderError, ValueError):
+    """A topic name that is empty, too long, reserved, not text, or has a NUL in it."""
+
+
+class PrefixError(RecorderError, ValueError):
+    """A prefix or a file name that is malformed or would leave its root folder."""
+
+
+class OptionError(RecorderError, ValueError):
+    """A recorder option that makes no sense."""
+
+
+class UsageError(RecorderError, TypeError):
+    """A call with arguments that it does not take, such as positional ones to `append`."""
+
+
+class StateError(RecorderError, RuntimeError):
+    """A recorder, experiment or session used before its start, after its end, or in a forked child."""
+
+
+class BacklogFullError(RecorderError, BufferError):
+    """The backlog is full and `on_full="raise"`: the row was not taken."""
+
+
+class StorageError(RecorderError, OSError):
+    """A folder or file that cannot be made, read, written or locked."""
+
+
+class NotFoundError(RecorderError, KeyError):
+    """A topic, column or entry that is not there."""
+
+    def __str__(self) -> str:
+        """Return the message as written (a plain KeyError would show it in quotes)."""
+        return str(self.args[0]) if self.args else ""
+
+
+class DamagedFileError(RecorderError, ValueError):
+    """A file that is no MCAP, or whose bytes contradict themselves.
+
+    Attributes:
+        path: The file.
+        offset: Where in it the trouble was found, in bytes from its start.
+    """
+
+    def __init__(self, path: str | Path, offset: int, what: str) -> None:
+        super().__init__(f"{path}, byte {offset}: {what}")
+        self.path = Path(path)
+        self.offset = offset

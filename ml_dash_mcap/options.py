@@ -1,0 +1,151 @@
+"""Every knob of a recorder, its unit in its name."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
+
+from .errors import OptionError
+
+Compression = Literal["zstd", "lz4", "none"]
+OnFull = Literal["block", "drop", "raise"]
+
+KIB = 1024
+MIB = 1024 * KIB
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecorderOptions:
+    """How a recorder buffers, compresses and splits what it is given.
+
+    Raises:
+        OptionError: A value is out of its range; the message names it.
+    """
+
+    flush_interval_s: float = 1.0
+    """Rows reach the file at the latest this many seconds after `append`. Their journal protects them before that."""
+
+    chunk_bytes: int = 1 * MIB
+    """Size of a journal buffer, and so of an uncompressed chunk, in bytes (64 KiB to 4 MiB: the viewers' limits)."""
+
+    compression: Compression = "zstd"
+    """What chunks are compressed with."""
+
+    compression_level: int | None = None
+    """The compressor's own level. None takes the fastest that still compresses numbers well (zstd 1, lz4 0)."""
+
+    backlog_bytes: int = 32 * MIB
+    """Memory for rows that are not in the file yet, in bytes, reserved at start. A disk may stand still until it is full."""
+
+    on_full: OnFull = "block"
+    """What `append` does when the backlog is full: wait, refuse the row and count it, or raise `BacklogFullError`."""
+
+    sync_interval_s: float = 1.0
+    """At most this many seconds of rows are lost when the power goes. 0 leaves syncing to the operating system."""
+
+    segment_bytes: int = 4 * 1024 * MIB
+    """A new segment starts when a file has grown to this size, in bytes."""
+
+    segment_duration_s: float = 3600.0
+    """A new segment starts when a file has been written to for this many seconds."""
+
+    batch_rows: int | None = None
+    """Write as soon as this many rows are waiting. None leaves it to the size and the interval."""
+
+    buffered: bool = True
+    """False writes every row to the file before `append` returns. For debugging; it holds the loop up."""
+
+    journal_dir: str | None = None
+    """Where the journal's buffers live. None takes shared memory if there is room, else the run's own folder."""
+
+    def __post_init__(self) -> None:
+        _check(self.flush_interval_s > 0, "flush_interval_s", self.flush_interval_s, "more than 0 s")
+        _check(64 * KIB <= self.chunk_bytes <= 4 * MIB, "chunk_bytes", self.chunk_bytes, "65,536 to 4,194,304 bytes")
+        _check(self.compression in ("zstd", "lz4", "none"), "compression", self.compression, "'zstd', 'lz4' or 'none'")
+        _check(
+            self.backlog_bytes >= 2 * self.chunk_bytes,
+            "backlog_bytes",
+            self.backlog_bytes,
+            f"at least two chunks, {2 * self.chunk_bytes} bytes",
+        )
+        _check(self.on_full in ("block", "drop", "raise"), "on_full", self.on_full, "'block', 'drop' or 'raise'")
+        _check(self.sync_interval_s >= 0, "sync_interval_s", self.sync_interval_s, "0 s or more")
+        _check(self.segment_bytes >= self.chunk_bytes, "segment_bytes", self.segment_bytes, "at least chunk_bytes")
+        _check(self.segment_duration_s > 0, "segment_duration_s", self.segment_duration_s, "more than 0 s")
+        _check(self.batch_rows is None or self.batch_rows > 0, "batch_rows", self.batch_rows, "None or more than 0 rows")
+        level = self.compression_level
+        _check(level is None or -100 <= level <= 22, "compression_level", level, "-100 to 22, or None")
+
+    @classmethod
+    def from_environment(
+        cls, environment: Mapping[str, str] | None = None, buffer_config: Any = None, **given: Any
+    ) -> RecorderOptions:
+        """Make options from what was given, ml-dash's `buffer_config`, and then the `ML_DASH_*` variables.
+
+        The variables are `ML_DASH_FLUSH_INTERVAL` (s), `ML_DASH_TRACK_BATCH_SIZE` (rows) and
+        `ML_DASH_BUFFER_ENABLED` (true or false); each counts only where nothing else sets its option.
+
+        Args:
+            environment: Where to look the variables up; the process's own by default.
+            buffer_config: A mapping or an object with any of ml-dash's `flush_interval` (s), `track_batch_size`
+                (rows) and `buffer_enabled`, or of this class's own names.
+            **given: Options by name; they win.
+
+        Raises:
+            OptionError: A variable or an entry has a value that its option cannot take, or an unknown name.
+        """
+        values = _from_variables(os.environ if environment is None else environment)
+        values.update(_from_buffer_config(buffer_config))
+        values.update(given)
+        known = {field.name for field in fields(cls)}
+        for name in values:
+            if name not in known:
+                raise OptionError(f"unknown recorder option {name!r}; the options are {', '.join(sorted(known))}")
+        return cls(**values)
+
+    def with_(self, **changes: Any) -> RecorderOptions:
+        """Return these options with some of them changed."""
+        return replace(self, **changes)
+
+
+_VARIABLES = {
+    "ML_DASH_FLUSH_INTERVAL": "flush_interval_s",
+    "ML_DASH_TRACK_BATCH_SIZE": "batch_rows",
+    "ML_DASH_BUFFER_ENABLED": "buffered",
+}
+_ML_DASH_NAMES = {"flush_interval": "flush_interval_s", "track_batch_size": "batch_rows", "buffer_enabled": "buffered"}
+_ML_DASH_ELSEWHERE = ("log_batch_size", "metric_batch_size", "file_upload_workers")
+
+
+def _check(holds: bool, name: str, value: object, wanted: str) -> None:
+    if not holds:
+        raise OptionError(f"{name}={value!r}: it must be {wanted}")
+
+
+def _from_variables(environment: Mapping[str, str]) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for variable, option in _VARIABLES.items():
+        text = environment.get(variable, "").strip()
+        if text:
+            values[option] = _parse(variable, option, text)
+    return values
+
+
+def _parse(variable: str, option: str, text: str) -> float | int | bool:
+    try:
+        if option == "buffered":
+            return {"true": True, "1": True, "yes": True, "on": True, "false": False, "0": False, "no": False, "off": False}[
+                text.lower()
+            ]
+        return int(text) if option == "batch_rows" else float(text)
+    except (KeyError, ValueError) as error:
+        raise OptionError(f"the environment variable {variable}={text!r} does not say what {option} should be") from error
+
+
+def _from_buffer_config(config: Any) -> dict[str, Any]:
+    if config is None:
+        return {}
+    entries = dict(config) if isinstance(config, Mapping) else dict(vars(config))
+    return {_ML_DASH_NAMES.get(name, name): value for name, value in entries.items() if name not in _ML_DASH_ELSEWHERE}

@@ -1,0 +1,1 @@
+"""Values without I/O: rows, their JSON, their schema, their merging."""

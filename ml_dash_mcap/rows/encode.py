@@ -1,0 +1,247 @@
+"""A row to JSON bytes and back, without losing a bit.
+
+JSON has no NaN, no infinities and no bytes. They are written as `null` and as base64 text, and a side key of the
+row says where and what they were:
+
+    {"q": [1.0, null], "img": "AAE=", "_exact": {"NaN": {"/q": [1]}, "bytes": {"": ["img"]}}, "_ts": 1.5}
+
+The side key maps a spelling to the containers that hold such values, each an RFC 6901 pointer with the keys or
+indices inside it.
+"""
+
+from __future__ import annotations
+
+import base64
+import datetime
+import enum
+import math
+import os
+import uuid
+from collections.abc import Mapping
+from dataclasses import fields as dataclass_fields
+from dataclasses import is_dataclass
+from typing import Any
+
+import orjson
+
+from ..errors import FieldError, IntegerRangeError
+
+TIME_KEY = "_ts"
+"""The row's time stamp in its payload, in seconds; always the last key."""
+
+EXACT_KEY = "_exact"
+"""The side key that says which nulls were NaN or infinite and which strings were bytes."""
+
+_SMALLEST_INT, _LARGEST_INT = -(2**63), 2**64 - 1
+_BULK = 64
+"""Arrays of more elements than this are formatted by orjson directly instead of through a list."""
+
+_MAX_DEPTH = 200
+"""Containers nested deeper than this are refused (orjson's own limit is 254)."""
+
+_NONFINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
+
+dumps = orjson.dumps
+
+
+def plain(value: Any) -> Any:
+    """Turn a value that orjson does not know into one that it does; orjson's `default` hook.
+
+    Raises:
+        TypeError: There is no JSON for it (`exact` then says which field it was).
+    """
+    tolist = getattr(value, "tolist", None)
+    if tolist is not None and not isinstance(value, memoryview):
+        if _is_big_float_array(value):
+            return orjson.Fragment(orjson.dumps(_as_float64(value), option=orjson.OPT_SERIALIZE_NUMPY))
+        return _checked_list(value, tolist())
+    if isinstance(value, float):
+        return float(value)
+    if isinstance(value, tuple):
+        return list(value)
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if isinstance(value, Mapping):
+        return dict(value)
+    if hasattr(value, "__array__"):
+        import numpy as np
+
+        return _checked_list(value, np.asarray(value).tolist())
+    raise TypeError(f"Type is not JSON serializable: {type(value).__name__}")
+
+
+def _is_big_float_array(value: Any) -> bool:
+    dtype, size = getattr(value, "dtype", None), getattr(value, "size", None)
+    return isinstance(size, int) and size > _BULK and getattr(dtype, "kind", None) == "f" and dtype.itemsize <= 8
+
+
+def _as_float64(value: Any) -> Any:
+    import numpy as np
+
+    return np.ascontiguousarray(value, dtype=np.float64)
+
+
+def _checked_list(value: Any, listed: Any) -> Any:
+    if type(listed) is type(value):
+        raise TypeError(f"Type is not JSON serializable: {type(value).__name__}")
+    return listed
+
+
+def exact(fields: Mapping[str, Any], topic: str) -> bytes:
+    """Encode a row that the fast path could not: one with bytes, non-finite numbers, odd keys, or a mistake in it.
+
+    Args:
+        fields: The row's fields, its time stamp under `_ts` last.
+        topic: For the error messages.
+
+    Raises:
+        FieldError: A value has no JSON; the message names the topic and the field.
+        IntegerRangeError: An integer needs more than 64 bits.
+    """
+    notes: dict[str, dict[str, list[str | int]]] = {}
+    row: dict[str, Any] = {}
+    time = None
+    for name, value in fields.items():
+        if name == TIME_KEY:
+            time = value
+            continue
+        row[name] = _convert(value, "", name, notes, (topic, name), 0)
+    if notes:
+        row[EXACT_KEY] = notes
+    row[TIME_KEY] = time
+    try:
+        return orjson.dumps(row)
+    except (TypeError, ValueError) as error:  # what is left: text with lone surrogates
+        raise FieldError(f"append() on topic {topic!r}: {_name_culprit(row)}{error}") from error
+
+
+def restore(row: dict[str, Any]) -> dict[str, Any]:
+    """Fold a row's side key back into its values, in place.
+
+    Notes that do not fit the row (a foreign file may hold anything) are ignored.
+    """
+    notes = row.pop(EXACT_KEY, None)
+    if not isinstance(notes, dict):
+        return row
+    for spelling, containers in notes.items():
+        if not isinstance(containers, dict):
+            continue
+        for pointer, keys in containers.items():
+            container = _resolve(row, pointer)
+            for key in keys if isinstance(keys, list) else ():
+                _put_back(container, key, spelling)
+    return row
+
+
+def _convert(value: Any, parent: str, key: str | int, notes: Any, where: tuple[str, str], depth: int) -> Any:
+    """Return the JSON value of one field or element, noting what JSON cannot say."""
+    if value is None or isinstance(value, (bool, str)):
+        return value.value if isinstance(value, enum.Enum) else value
+    if isinstance(value, enum.Enum):
+        return _convert(value.value, parent, key, notes, where, depth)
+    if isinstance(value, int):
+        if not _SMALLEST_INT <= value <= _LARGEST_INT:
+            raise IntegerRangeError(
+                f"append() on topic {where[0]!r}: field {where[1]!r} has the integer {_shorten(value)}, which 64 bits"
+                " cannot hold; log it as a float or as text"
+            )
+        return int(value)
+    if isinstance(value, float):
+        if math.isfinite(value):
+            return float(value)
+        spelling = "NaN" if value != value else "Infinity" if value > 0 else "-Infinity"
+        notes.setdefault(spelling, {}).setdefault(parent, []).append(key)
+        return None
+    if isinstance(value, (bytes, bytearray, memoryview)):
+        notes.setdefault("bytes", {}).setdefault(parent, []).append(key)
+        return base64.b64encode(value).decode("ascii")
+    if depth > _MAX_DEPTH:
+        raise FieldError(f"append() on topic {where[0]!r}: field {where[1]!r} is nested deeper than {_MAX_DEPTH} levels")
+    pointer = f"{parent}/{_escape(key)}"
+    if isinstance(value, Mapping):
+        return {
+            name: _convert(inner, pointer, name, notes, where, depth + 1)
+            for name, inner in ((_key_text(k, where), v) for k, v in value.items())
+        }
+    if isinstance(value, (list, tuple)):
+        return [_convert(inner, pointer, i, notes, where, depth + 1) for i, inner in enumerate(value)]
+    if is_dataclass(value) and not isinstance(value, type):
+        named = {field.name: getattr(value, field.name) for field in dataclass_fields(value)}
+        return _convert(named, parent, key, notes, where, depth + 1)
+    if isinstance(value, (datetime.datetime, datetime.date, datetime.time)):
+        return value.isoformat()
+    if isinstance(value, uuid.UUID):
+        return str(value)
+    try:
+        listed = plain_list(value)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise FieldError(
+            f"append() on topic {where[0]!r}: field {where[1]!r} holds a {type(value).__module__}."
+            f"{type(value).__qualname__}, which cannot be stored; pass numbers, text, bytes, lists, dicts or arrays"
+        ) from error
+    return _convert(listed, parent, key, notes, where, depth + 1)
+
+
+def plain_list(value: Any) -> Any:
+    """Like `plain`, but never through an encoded fragment, so that every element can be looked at."""
+    tolist = getattr(value, "tolist", None)
+    if tolist is not None:
+        dtype = getattr(value, "dtype", None)
+        if getattr(dtype, "kind", None) in ("M", "m"):
+            return value.astype(str).tolist()
+        return _checked_list(value, tolist())
+    return plain(value)
+
+
+def _key_text(key: Any, where: tuple[str, str]) -> str:
+    """Spell a nested dict's key as `json.dumps` would."""
+    if isinstance(key, str):
+        return str(key)
+    if key is None or isinstance(key, bool):
+        return {None: "null", True: "true", False: "false"}[key]
+    if isinstance(key, (int, float)):
+        return repr(key)
+    raise FieldError(
+        f"append() on topic {where[0]!r}: field {where[1]!r} has a dict with the key {key!r}; keys must be text"
+    )
+
+
+def _name_culprit(row: dict[str, Any]) -> str:
+    for name, value in row.items():
+        try:
+            orjson.dumps({name: value})
+        except (TypeError, ValueError):
+            return f"field {name!r} cannot be stored: "
+    return ""
+
+
+def _shorten(value: int) -> str:
+    text = hex(value)
+    return str(value) if len(text) < 40 else f"{text[:16]}... ({value.bit_length()} bits)"
+
+
+def _escape(key: str | int) -> str:
+    return key.replace("~", "~0").replace("/", "~1") if isinstance(key, str) else str(key)
+
+
+def _resolve(row: Any, pointer: str) -> Any:
+    container = row
+    for token in pointer.split("/")[1:]:
+        if isinstance(container, list):
+            container = container[int(token)] if token.isdigit() and int(token) < len(container) else None
+        elif isinstance(container, dict):
+            container = container.get(token.replace("~1", "/").replace("~0", "~"))
+    return container
+
+
+def _put_back(container: Any, key: Any, spelling: str) -> None:
+    if isinstance(container, list):
+        present = isinstance(key, int) and 0 <= key < len(container)
+    else:
+        present = isinstance(container, dict) and key in container
+    if not present:
+        return
+    if spelling in _NONFINITE and container[key] is None:
+        container[key] = _NONFINITE[spelling]
+    elif spelling == "bytes" and isinstance(container[key], str):
+        container[key] = base64.b64decode(container[key])

@@ -1,0 +1,76 @@
+"""Rows of one topic and one time stamp are one row; at the top level, later fields win."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import orjson
+
+from .encode import EXACT_KEY, TIME_KEY
+
+_TIME_MARK = b'"_ts":'
+
+
+def merge(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Merge rows of one time stamp, the earliest first; associative, and the last one wins.
+
+    Args:
+        rows: Restored rows (no side key); none is changed.
+    """
+    merged: dict[str, Any] = {}
+    for row in rows:
+        merged.update(row)
+    return merged
+
+
+def time_of(payload: bytes) -> float:
+    """Return the time stamp of an encoded row, in seconds, without decoding the rest."""
+    return float(payload[payload.rindex(_TIME_MARK) + len(_TIME_MARK) : -1])
+
+
+def join_disjoint(payloads: Sequence[bytes]) -> bytes:
+    """Merge encoded rows of one time stamp whose top-level keys differ, by cutting and joining their bytes."""
+    first = payloads[0]
+    time_at = first.rindex(_TIME_MARK)
+    tail = first[time_at:]
+    fields = [payload[1 : payload.rindex(_TIME_MARK)] for payload in payloads]
+    return b"".join((b"{", *fields, tail))
+
+
+def join(payloads: Sequence[bytes]) -> bytes:
+    """Merge encoded rows of one time stamp, the earliest first, whatever their keys.
+
+    The side key is cut by top-level field: each field brings the notes of the row it is taken from.
+    """
+    merged: dict[str, Any] = {}
+    notes: dict[str, dict[str, dict[str, list[Any]]]] = {}  # field -> spelling -> pointer -> keys
+    for payload in payloads:
+        row = orjson.loads(payload)
+        row_notes = _notes_by_field(row.pop(EXACT_KEY, {}))
+        for field, value in row.items():
+            merged[field] = value
+            notes[field] = row_notes.get(field, {})
+    time = merged.pop(TIME_KEY)
+    exact: dict[str, dict[str, list[Any]]] = {}
+    for field_notes in notes.values():
+        for spelling, containers in field_notes.items():
+            for pointer, keys in containers.items():
+                exact.setdefault(spelling, {}).setdefault(pointer, []).extend(keys)
+    if exact:
+        merged[EXACT_KEY] = exact
+    merged[TIME_KEY] = time
+    return orjson.dumps(merged)
+
+
+def _notes_by_field(exact: dict[str, dict[str, list[Any]]]) -> dict[str, dict[str, dict[str, list[Any]]]]:
+    by_field: dict[str, dict[str, dict[str, list[Any]]]] = {}
+    for spelling, containers in exact.items():
+        for pointer, keys in containers.items():
+            if pointer:
+                field = pointer.split("/")[1].replace("~1", "/").replace("~0", "~")
+                by_field.setdefault(field, {}).setdefault(spelling, {})[pointer] = keys
+                continue
+            for key in keys:
+                by_field.setdefault(key, {}).setdefault(spelling, {}).setdefault("", []).append(key)
+    return by_field

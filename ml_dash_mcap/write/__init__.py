@@ -1,0 +1,1 @@
+"""From rows in memory to segments on disk."""

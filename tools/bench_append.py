@@ -1,0 +1,575 @@
+"""Measures what logging a row costs, beside the recorders that a user would otherwise take.
+
+    pip install ".[bench]"
+    python tools/bench_append.py --quick                       # does it all work? under half a minute
+    python tools/bench_append.py --out docs/benchmarks.md      # the figures: leave the machine alone meanwhile
+    python tools/bench_append.py --only latency --only ours    # one measure, one contender
+
+Each figure comes from a process of its own that runs one measure of one contender. The contenders take turns within
+a round, and a ratio is one of medians over the rounds, so that the machine's moods hit all alike. The statement that
+logs a row is compiled into the timed loop, as `timeit` does it: no wrapper's cost is added to anybody's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from itertools import islice
+from math import ceil
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import report
+from report import Figures, Results
+
+WIDTHS = {"q": 7, "qd": 7, "tau": 7, "ee_pos": 3, "ee_quat": 4, "gripper": 1}  # 29 floats in 6 fields
+SEED = 20_240
+START_S = 1_700_000_000.0
+PERIOD_S = 0.001
+TICK_TOPICS = [f"arm{number}" for number in range(10)]
+BLOCK_ROWS = 10_000  # rows in one append_columns()
+TIMEOUT_S = 600  # of one process
+MEMORY_SAMPLES = 10
+
+KEYWORDS = "q=q, qd=qd, tau=tau, ee_pos=ee_pos, ee_quat=ee_quat, gripper=gripper"
+DICT = '{"q": q, "qd": qd, "tau": tau, "ee_pos": ee_pos, "ee_quat": ee_quat, "gripper": gripper}'
+DICT_TS = DICT.replace("}", ', "_ts": t}')
+THIRDS = ("q=q, qd=qd", "tau=tau, ee_pos=ee_pos", "ee_quat=ee_quat, gripper=gripper")
+SCHEMA: dict[str, Any] = {
+    "title": "robot",
+    "type": "object",
+    "properties": {
+        name: {"type": "array", "items": {"type": "number"}} if width > 1 else {"type": "number"}
+        for name, width in WIDTHS.items()
+    },
+}
+
+Row = tuple[Any, ...]  # the six fields, then t (s), t_ns, and the JSON bytes or None
+Names = dict[str, Any]  # what a contender's statement may use; "topics" holds one value a topic
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """How much a run measures."""
+
+    rows: int = 200_000  # a latency, sustained or merge run
+    column_rows: int = 1_000_000
+    tick_s: float = 10.0
+    memory_rows: int = 3_600_000  # an hour at 1 kHz
+
+
+QUICK = Sizes(rows=5_000, column_rows=20_000, tick_s=0.3, memory_rows=20_000)
+
+
+# The contenders: how each is opened, and the statement that its users write.
+
+
+@contextmanager
+def nothing(folder: Path, topics: list[str]) -> Iterator[Names]:
+    yield {"topics": topics}
+
+
+@contextmanager
+def our_recorder(folder: Path, topics: list[str]) -> Iterator[Names]:
+    from ml_dash_mcap import Recorder, RecorderOptions
+
+    with Recorder(folder, RecorderOptions(compression="zstd")) as rec:
+        yield {"topics": [rec.topic(name) for name in topics]}
+
+
+@contextmanager
+def our_experiment(folder: Path, topics: list[str]) -> Iterator[Names]:
+    from ml_dash_mcap import Experiment
+
+    with Experiment(prefix="bench/append", root=folder).run as exp:
+        yield {"topics": topics, "exp": exp}
+
+
+@contextmanager
+def foxglove_sdk(folder: Path, topics: list[str]) -> Iterator[Names]:
+    import foxglove
+    import orjson
+
+    channels = [foxglove.Channel(name, schema=SCHEMA, message_encoding="json") for name in topics]
+    with foxglove.open_mcap(folder / "foxglove.mcap"):  # as it comes: zstd, chunks of 1 MiB
+        yield {"topics": channels, "dumps": orjson.dumps}
+
+
+@contextmanager
+def mcap_writer(folder: Path, topics: list[str]) -> Iterator[Names]:
+    from mcap.writer import Writer
+
+    writer = Writer(str(folder / "mcap.mcap"))  # as it comes: zstd, chunks of 1 MiB
+    writer.start()
+    schema = writer.register_schema("robot", "jsonschema", json.dumps(SCHEMA).encode())
+    channels = [writer.register_channel(name, "json", schema) for name in topics]
+    yield {"topics": channels, "writer": writer, "dumps": json.dumps}
+    writer.finish()
+
+
+@contextmanager
+def ml_dash(folder: Path, topics: list[str]) -> Iterator[Names]:
+    from ml_dash import Experiment
+
+    with Experiment(prefix="bench/append/run", dash_root=str(folder)).run as exp:
+        yield {"topics": topics, "exp": exp}
+
+
+@contextmanager
+def dreamlake(folder: Path, topics: list[str]) -> Iterator[Names]:
+    from dreamlake import Episode
+
+    with Episode(prefix="bench/append", root=str(folder)) as episode:
+        yield {"topics": topics, "episode": episode}
+
+
+def mcap_messages(folder: Path) -> int:
+    """The messages that the statistics of all MCAP files in `folder` count, read by the `mcap` package."""
+    from mcap.reader import make_reader
+
+    count = 0
+    for path in folder.rglob("*.mcap"):
+        with path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+        if summary is None or summary.statistics is None:
+            raise ValueError(f"{path.name} has no statistics: it was not finished")
+        count += summary.statistics.message_count
+    return count
+
+
+def jsonl_lines(folder: Path) -> int:
+    return sum(path.read_bytes().count(b"\n") for path in folder.rglob("*.jsonl"))
+
+
+def dreamlake_points(folder: Path) -> int:
+    found = (json.loads(path.read_text()) for path in folder.rglob("metadata.json"))
+    return sum(int(track.get("totalDataPoints", 0)) for track in found)
+
+
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """One way of logging a row."""
+
+    title: str  # as the tables print it
+    open: Callable[[Path, list[str]], AbstractContextManager[Names]]  # leaving it finishes the file
+    call: str  # logs one row; `topic` is what open() gave for the topic
+    count: Callable[[Path], int]  # the rows found in what it wrote
+    ready: bool = False  # whether the JSON bytes are made before the clock starts
+
+
+FOXGLOVE = "topic.log(%s, log_time=t_ns)"
+CONTENDERS = {
+    "ours": Contender("ml-dash-mcap, Recorder", our_recorder, f"topic.append({KEYWORDS}, _ts=t)", mcap_messages),
+    "experiment": Contender(
+        "ml-dash-mcap, Experiment", our_experiment, f"exp.tracks(topic).append({KEYWORDS}, _ts=t)", mcap_messages
+    ),
+    "columns": Contender(
+        "ml-dash-mcap, columns", our_recorder, f"topic.append_columns({KEYWORDS}, _ts=t)", mcap_messages
+    ),
+    "foxglove-bytes": Contender(
+        "foxglove-sdk, bytes made by orjson", foxglove_sdk, FOXGLOVE % f"dumps({DICT})", mcap_messages
+    ),
+    "foxglove-ts": Contender(
+        "foxglove-sdk, the same with `_ts`", foxglove_sdk, FOXGLOVE % f"dumps({DICT_TS})", mcap_messages
+    ),
+    "foxglove-ready": Contender(
+        "foxglove-sdk, bytes made beforehand", foxglove_sdk, FOXGLOVE % "ready", mcap_messages, ready=True
+    ),
+    "foxglove-dict": Contender("foxglove-sdk, dicts", foxglove_sdk, FOXGLOVE % DICT, mcap_messages),
+    "mcap": Contender(
+        "mcap, json",
+        mcap_writer,
+        f"writer.add_message(topic, log_time=t_ns, data=dumps({DICT}).encode(), publish_time=t_ns)",
+        mcap_messages,
+    ),
+    "ml-dash": Contender("ml-dash", ml_dash, f"exp.tracks(topic).append({KEYWORDS}, _ts=t)", jsonl_lines),
+    "dreamlake": Contender(
+        "dreamlake", dreamlake, f"episode.track(topic).append({KEYWORDS}, _ts=t)", dreamlake_points
+    ),
+    "nothing": Contender("the clock alone", nothing, "pass", lambda folder: 0),
+}
+PACKAGES = ("ml-dash-mcap", "foxglove-sdk", "mcap", "ml-dash", "dreamlake", "orjson", "numpy", "zstandard")
+
+
+# The data: the same for all, new floats and lists for every row.
+
+
+def fresh_rows(count: int, *, ready: bool, per_tick: int = 1) -> Iterator[Row]:
+    """Make rows of doubles with all their digits, 1 ms (and a loop's jitter) apart.
+
+    Args:
+        count: How many rows.
+        ready: Whether to make the JSON bytes too.
+        per_tick: How many rows in turn have the same time.
+    """
+    rng = Random(SEED).random
+    if ready:
+        from orjson import dumps
+    t = START_S
+    for i in range(count):
+        if i % per_tick == 0:
+            t = START_S + i // per_tick * PERIOD_S + rng() * 1e-5
+        q, qd, tau = [rng() for _ in range(7)], [rng() for _ in range(7)], [rng() for _ in range(7)]
+        ee_pos, ee_quat, gripper = [rng() for _ in range(3)], [rng() for _ in range(4)], rng()
+        encoded = None
+        if ready:
+            encoded = dumps(dict(zip(WIDTHS, (q, qd, tau, ee_pos, ee_quat, gripper), strict=True)))
+        yield q, qd, tau, ee_pos, ee_quat, gripper, t, int(t * 1e9), encoded
+
+
+def fresh_blocks(count: int) -> Iterator[Row]:
+    """The same as arrays of `BLOCK_ROWS` rows: q [N, 7], ..., gripper [N], t [N]."""
+    import numpy
+
+    rng = numpy.random.default_rng(SEED)
+    for first in range(0, count, BLOCK_ROWS):
+        rows = min(BLOCK_ROWS, count - first)
+        fields = [rng.random((rows, width) if width > 1 else rows) for width in WIDTHS.values()]
+        yield *fields, START_S + numpy.arange(first, first + rows) * PERIOD_S + rng.random(rows) * 1e-5, None, None
+
+
+# The loops: {call} is replaced by the contender's statement.
+
+ROW = "(q, qd, tau, ee_pos, ee_quat, gripper, t, t_ns, ready)"
+EACH_CALL = f"""
+def run(rows, topic, took_ns):
+    for i, {ROW} in enumerate(rows):
+        start_ns = clock()
+        CALL
+        took_ns[i] = clock() - start_ns
+"""
+ALL_CALLS = f"""
+def run(rows, topic):
+    for {ROW} in rows:
+        CALL
+"""
+ONE_TICK = f"""
+def run(rows, topics):
+    start_ns = clock()
+    for topic, {ROW} in zip(topics, rows):
+        CALL
+    return clock() - start_ns
+"""
+
+
+def compiled(loop: str, call: str, names: Names) -> Callable[..., Any]:
+    scope = {"clock": time.perf_counter_ns, **names}
+    exec(compile(loop.replace("CALL", call), "<timed loop>", "exec"), scope)
+    return scope["run"]  # type: ignore[no-any-return]
+
+
+# The measures: each runs one contender once, in a process of its own.
+
+
+def latency(contender: Contender, folder: Path, sizes: Sizes) -> Figures:
+    """Time each call at full speed; the next row is made between two calls."""
+    took_ns = array("q", bytes(8 * sizes.rows))
+    with contender.open(folder, ["robot"]) as names:
+        run = compiled(EACH_CALL, contender.call, names)
+        run(fresh_rows(sizes.rows, ready=contender.ready), names["topics"][0], took_ns)
+    return percentiles_us(took_ns)
+
+
+def sustained(contender: Contender, folder: Path, sizes: Sizes) -> Figures:
+    """Log rows that lie ready until the finished file is closed."""
+    rows = list(fresh_rows(sizes.rows, ready=contender.ready))
+    return to_disk(contender, folder, rows, contender.call, sizes.rows)
+
+
+def columns(contender: Contender, folder: Path, sizes: Sizes) -> Figures:
+    """Log whole arrays until the finished file is closed."""
+    return to_disk(contender, folder, list(fresh_blocks(sizes.column_rows)), contender.call, sizes.column_rows)
+
+
+def merge(contender: Contender, folder: Path, sizes: Sizes) -> Figures:
+    """Log each row by three calls with two fields each and one time."""
+    rows = list(fresh_rows(sizes.rows, ready=False))
+    calls = "; ".join(contender.call.replace(KEYWORDS, third) for third in THIRDS)
+    figures = to_disk(contender, folder, rows, calls, sizes.rows, split_rows=sizes.rows // 100)
+    return {"calls_per_s": len(THIRDS) * sizes.rows / figures["seconds"], "rows_found": figures["rows_found"]}
+
+
+def to_disk(
+    contender: Contender, folder: Path, rows: list[Row], call: str, expected: int, *, split_rows: int = 0
+) -> Figures:
+    """Time `call` on all rows, and the closing of the file.
+
+    Args:
+        contender: Who logs.
+        folder: Where to.
+        rows: What to log, made beforehand.
+        call: The statement or statements that log one of `rows`.
+        expected: How many rows have to be found on disk.
+        split_rows: How many of them may lie there in two parts, since a flush came between two calls.
+
+    Raises:
+        ValueError: Rows were lost, or were not merged.
+    """
+    gc.collect()
+    gc.freeze()  # the rows that lie ready are the benchmark's, not a load that a user's collector would walk
+    with ExitStack() as opened:
+        names = opened.enter_context(contender.open(folder, ["robot"]))
+        run = compiled(ALL_CALLS, call, names)
+        start_s, cpu_start_s = time.perf_counter(), time.process_time()
+        run(rows, names["topics"][0])
+        opened.close()
+        seconds, cpu_s = time.perf_counter() - start_s, time.process_time() - cpu_start_s
+    found = contender.count(folder)
+    if not expected <= found <= expected + split_rows:
+        raise ValueError(f"{contender.title}: {found:,} rows on disk, expected {expected:,}")
+    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    return {
+        "seconds": seconds,
+        "rows_per_s": expected / seconds,
+        "cpu_us_per_row": cpu_s / expected * 1e6,
+        "bytes_per_row": size / expected,
+        "rows_found": found,
+    }
+
+
+def tick(contender: Contender, folder: Path, sizes: Sizes) -> Figures:
+    """Time what a real 1 kHz loop spends on logging ten topics, tick by tick."""
+    ticks = int(sizes.tick_s / PERIOD_S)
+    took_ns = array("q", bytes(8 * ticks))
+    rows = fresh_rows(ticks * len(TICK_TOPICS), ready=contender.ready, per_tick=len(TICK_TOPICS))
+    with contender.open(folder, TICK_TOPICS) as names:
+        run = compiled(ONE_TICK, contender.call, names)
+        due_s = time.perf_counter()
+        for i in range(ticks):
+            now_rows = list(islice(rows, len(TICK_TOPICS)))
+            due_s = max(due_s + PERIOD_S, time.perf_counter())
+            time.sleep(max(0.0, due_s - time.perf_counter()))
+            took_ns[i] = run(now_rows, names["topics"])
+    over = sum(took > PERIOD_S * 1e9 for took in took_ns)
+    return {**percentiles_us(took_ns), "over_period_percent": 100 * over / ticks}
+
+
+def memory(contender: Contender, folder: Path, sizes: Sizes) -> Figures:
+    """Sample the process's resident memory while it records an hour's rows as fast as it can."""
+    step = sizes.memory_rows // MEMORY_SAMPLES
+    rows = fresh_rows(step * MEMORY_SAMPLES, ready=contender.ready)
+    resident_mb: list[float] = []
+    with contender.open(folder, ["robot"]) as names:
+        run = compiled(ALL_CALLS, contender.call, names)
+        for _ in range(MEMORY_SAMPLES):
+            run(islice(rows, step), names["topics"][0])
+            resident_mb.append(status_mb("VmRSS"))
+    after_a_fifth = resident_mb[MEMORY_SAMPLES // 5 - 1]
+    return {"resident_mb": resident_mb, "peak_mb": max(*resident_mb, status_mb("VmHWM")), "growth": resident_mb[-1] / after_a_fifth}
+
+
+def status_mb(name: str) -> float:
+    """A figure of the kernel's about this process, shared memory included (Linux: /proc/self/status, in kB)."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(f"{name}:"):
+            return int(line.split()[1]) / 1024
+    raise OSError(f"/proc/self/status has no {name}: memory can only be measured on Linux")
+
+
+def percentiles_us(took_ns: Sequence[int]) -> Figures:
+    """Nearest-rank percentiles, in microseconds."""
+    ordered = sorted(took_ns)
+    ranks = {"p50_us": 0.5, "p99_us": 0.99, "p999_us": 0.999, "max_us": 1.0}
+    return {name: ordered[ceil(part * len(ordered)) - 1] / 1000 for name, part in ranks.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """One table of the report."""
+
+    title: str
+    run: Callable[[Contender, Path, Sizes], Figures]
+    contenders: tuple[str, ...]
+    shown: dict[str, str]  # figure -> head of its column; empty for one that has a table of its own
+    once: bool = False  # whether one round of it is enough
+
+
+CALL_TIMES = {"p50_us": "p50, us", "p99_us": "p99, us", "p999_us": "p99.9, us", "max_us": "max, us"}
+DISK = {"rows_per_s": "rows a second", "cpu_us_per_row": "CPU, us a row", "bytes_per_row": "bytes a row"}
+PEERS = ("foxglove-bytes", "foxglove-dict", "mcap", "ml-dash", "dreamlake")
+OURS = ("ours", "experiment")
+MEASURES = {
+    "latency": Measure("One call, at full speed", latency, (*OURS, "foxglove-ready", *PEERS, "nothing"), CALL_TIMES),
+    "sustained": Measure(
+        "Sustained, until the finished file is closed",
+        sustained,
+        (*OURS, "foxglove-ready", "foxglove-ts", *PEERS),
+        DISK,
+    ),
+    "columns": Measure(f"Arrays, {BLOCK_ROWS:,} rows a call", columns, ("columns",), DISK),
+    "merge": Measure(
+        "Three calls a row, merged into one row on disk",
+        merge,
+        (*OURS, "ml-dash", "dreamlake"),
+        {"calls_per_s": "calls a second", "rows_found": "rows on disk"},
+    ),
+    "tick": Measure(
+        "Logging in a tick of a 1 kHz loop, 10 topics",
+        tick,
+        (*OURS, *PEERS),
+        {**CALL_TIMES, "over_period_percent": "ticks over 1 ms, %"},
+    ),
+    "memory": Measure("Resident memory while an hour is recorded", memory, ("ours", "foxglove-bytes"), {}, once=True),
+}
+
+def beside(says: str, measure: str, figure: str, peer: str, **limit: float) -> report.Aim:
+    return report.Aim(says, (measure, "ours", figure), (measure, peer, figure), **limit)
+
+
+AIMS = (
+    beside("call p50, beside foxglove-sdk with bytes", "latency", "p50_us", "foxglove-bytes", at_most=1.4),
+    beside("call p50, beside foxglove-sdk with bytes made beforehand", "latency", "p50_us", "foxglove-ready"),
+    beside("call p50, beside foxglove-sdk with dicts", "latency", "p50_us", "foxglove-dict", at_most=0.25),
+    beside("call p99.9, beside foxglove-sdk with bytes", "latency", "p999_us", "foxglove-bytes", at_most=1.0),
+    beside("call max, beside foxglove-sdk with bytes", "latency", "max_us", "foxglove-bytes", at_most=0.5),
+    beside("rows a second, beside foxglove-sdk with bytes", "sustained", "rows_per_s", "foxglove-bytes", at_least=1.3),
+    beside("rows a second, beside foxglove-sdk with dicts", "sustained", "rows_per_s", "foxglove-dict", at_least=4.0),
+    beside("time in a tick p99.9, beside foxglove-sdk with bytes", "tick", "p999_us", "foxglove-bytes", at_most=0.15),
+    beside("bytes on disk, beside foxglove-sdk", "sustained", "bytes_per_row", "foxglove-bytes", at_most=1.0),
+    beside("bytes on disk, beside foxglove-sdk with `_ts`", "sustained", "bytes_per_row", "foxglove-ts"),
+    report.Aim(
+        "append_columns rows a second, beside append",
+        ("columns", "columns", "rows_per_s"),
+        ("sustained", "ours", "rows_per_s"),
+        at_least=5.0,
+    ),
+    report.Aim("calls a second, three that merge into a row", ("merge", "ours", "calls_per_s"), None, at_least=100_000),
+    report.Aim("memory after an hour, beside after a fifth of it", ("memory", "ours", "growth"), None, at_most=1.05),
+)
+
+
+# The rounds.
+
+def play(measures: Sequence[str], contenders: Sequence[str], rounds: int, sizes: Sizes, folder: Path) -> Results:
+    results: Results = {}
+    for turn in range(rounds):
+        for measure in measures:
+            if turn and MEASURES[measure].once:
+                continue
+            row = [name for name in MEASURES[measure].contenders if name in contenders]
+            first = turn % max(1, len(row))  # nobody always runs after the same one
+            for name in row[first:] + row[:first]:
+                figures = in_a_process(measure, name, sizes, folder)
+                results.setdefault((measure, name), []).append(figures)
+                print(f"round {turn + 1}/{rounds} {measure:9} {name:14} {brief(figures)}", file=sys.stderr)
+    return results
+
+
+def in_a_process(measure: str, contender: str, sizes: Sizes, folder: Path) -> Figures:
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        order = json.dumps({"measure": measure, "contender": contender, "folder": scratch, "sizes": asdict(sizes)})
+        command = [sys.executable, __file__, "--child", order]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+        except subprocess.TimeoutExpired:
+            return {"absent": "failed", "why": f"not done after {TIMEOUT_S} s"}
+    if done.returncode == 0:
+        return json.loads(done.stdout)  # type: ignore[no-any-return]
+    print(done.stderr, file=sys.stderr)
+    return {"absent": "failed", "why": f"exit code {done.returncode}"}
+
+
+def child(order: dict[str, Any]) -> None:
+    """Run one measure; its figures are the only thing on the real standard output."""
+    answer = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what the contenders print goes elsewhere
+    contender = CONTENDERS[order["contender"]]
+    try:
+        figures = MEASURES[order["measure"]].run(contender, Path(order["folder"]), Sizes(**order["sizes"]))
+    except ImportError as error:
+        figures = {"absent": "missing", "why": str(error)}
+    print(json.dumps(figures), file=answer, flush=True)
+
+
+# The report.
+
+
+def brief(figures: Figures) -> str:
+    """The figures in a line, for who waits; in the report they are medians."""
+    shown = {key: f"{value:.5g}" if isinstance(value, float) else value for key, value in figures.items()}
+    return ", ".join(f"{key} {value}" for key, value in shown.items())
+
+
+def measure_table(name: str, results: Results) -> str:
+    measure = MEASURES[name]
+    rounds = {contender: results[name, contender] for contender in measure.contenders if (name, contender) in results}
+    if shown := measure.shown:
+        head = ["", *shown.values()]
+        rows = [[CONTENDERS[key].title, *(report.cell(took, name) for name in shown)] for key, took in rounds.items()]
+    else:
+        head = ["", *(f"{tenth * 100 // MEMORY_SAMPLES} %" for tenth in range(1, MEMORY_SAMPLES + 1)), "peak"]
+        rows = [[CONTENDERS[key].title, *memory_cells(rounds[key])] for key in rounds]
+    return f"### {measure.title}\n\n{report.table(head, rows)}"
+
+
+def memory_cells(rounds: list[Figures]) -> list[str]:
+    curve = rounds[0].get("resident_mb")
+    if curve is None:
+        return [report.cell(rounds, "peak_mb")] * (MEMORY_SAMPLES + 1)
+    return [*(report.number(value) for value in curve), report.cell(rounds, "peak_mb")]
+
+
+def section(results: Results, rounds: int, sizes: Sizes, folder: Path) -> str:
+    """The whole report as Markdown."""
+    seen = {contender for _, contender in results}
+    tables = [measure_table(name, results) for name in MEASURES if any(name == measure for measure, _ in results)]
+    calls = [f"- {entry.title}: `{entry.call}`" for key, entry in CONTENDERS.items() if key in seen]
+    notes = f"""\
+Written by `tools/bench_append.py`. A row is 29 floats in 6 fields, new random doubles each time, made outside the timed
+part. Each figure is the median of {rounds} (lowest to highest), the contenders in turn, each time in a process of its
+own; the memory's curve is taken once, in MB, at tenths of {sizes.memory_rows:,} rows. A run has {sizes.rows:,} rows
+({sizes.column_rows:,} for arrays, {sizes.tick_s:g} s of ticks).
+
+What limits the comparison: call times include reading the clock, whose own cost is the last line. The MCAP writers use
+zstd, with their own defaults otherwise; ml-dash and dreamlake do not compress, and dreamlake keeps all rows in memory
+until it is closed. Nobody was asked for fsync. The payloads of foxglove-sdk and mcap hold no `_ts`, only the message's
+time in nanoseconds, except where said."""
+    aims = report.table(["", "measured", "aim", ""], [report.judge(aim, results) for aim in AIMS])
+    parts = ["## Appending", notes, report.environment(PACKAGES, folder), "### Aims\n\n" + aims, *tables]
+    if sizes == QUICK:
+        parts.insert(1, "**A quick run: it shows that the benchmark works, and no more.**")
+    return "\n\n".join([*parts, "### What is timed", "\n".join(calls)])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--quick", action="store_true", help="a smoke run: one round of few rows")
+    names = [*MEASURES, *CONTENDERS]
+    only = "a measure or a contender, may be repeated: " + ", ".join(names)
+    parser.add_argument("--only", action="append", default=[], choices=names, metavar="NAME", help=only)
+    parser.add_argument("--rounds", type=int, help="default 5, with --quick 1")
+    parser.add_argument("--out", type=Path, help="the Markdown file whose section is replaced; default: print it")
+    scratch = "where to record, with 2 GB free; default: the system's temporary folder"
+    parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()), help=scratch)
+    parser.add_argument("--child", help=argparse.SUPPRESS)
+    chosen = parser.parse_args()
+    if chosen.child:
+        child(json.loads(chosen.child))
+        return
+    if chosen.out and chosen.only:
+        parser.error("--out writes the whole section: leave out --only")
+
+    sizes, rounds = (QUICK, chosen.rounds or 1) if chosen.quick else (Sizes(), chosen.rounds or 5)
+    measures = [name for name in MEASURES if name in chosen.only] or list(MEASURES)
+    contenders = [name for name in CONTENDERS if name in chosen.only] or list(CONTENDERS)
+    results = play(measures, contenders, rounds, sizes, chosen.folder)
+    text = section(results, rounds, sizes, chosen.folder)
+    if chosen.out:
+        report.write_section(chosen.out, "append", text)
+    else:
+        print(text)
+
+
+if __name__ == "__main__":
+    main()
