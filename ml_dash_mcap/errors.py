@@ -10,8 +10,12 @@
     ├── UsageError           (TypeError)                 a call with arguments that it does not take
     ├── StateError           (RuntimeError)              used before it was started, after it was closed, or in a forked child
     ├── BacklogFullError     (BufferError)               the writer fell behind and on_full="raise"
+    ├── RangeError           (ValueError)                a time or index range whose end lies before its start, or is not a number
     ├── StorageError         (OSError)                   a folder or file that cannot be made, written or locked
+    │   └── MissingRecordingError  (FileNotFoundError)   a path where no recording is
     ├── NotFoundError        (KeyError)                  a topic, column or entry that is not there
+    ├── FormatError          (ValueError)                an export format that is not known
+    ├── EncodingError        (ValueError)                messages in an encoding that this library does not decode
     └── DamagedFileError     (ValueError)                a file that is no MCAP, or whose bytes contradict themselves
 
 Each is also the builtin that a caller would expect, so `except ValueError` keeps working.
@@ -62,8 +66,16 @@ class BacklogFullError(RecorderError, BufferError):
     """The backlog is full and `on_full="raise"`: the row was not taken."""
 
 
+class RangeError(RecorderError, ValueError):
+    """A time or index range whose end lies before its start, or whose ends are not numbers."""
+
+
 class StorageError(RecorderError, OSError):
     """A folder or file that cannot be made, read, written or locked."""
+
+
+class MissingRecordingError(StorageError, FileNotFoundError):
+    """A path where no recording is."""
 
 
 class NotFoundError(RecorderError, KeyError):
@@ -72,6 +84,14 @@ class NotFoundError(RecorderError, KeyError):
     def __str__(self) -> str:
         """Return the message as written (a plain KeyError would show it in quotes)."""
         return str(self.args[0]) if self.args else ""
+
+
+class FormatError(RecorderError, ValueError):
+    """An export format that is not known."""
+
+
+class EncodingError(RecorderError, ValueError):
+    """Messages in an encoding that this library does not decode."""
 
 
 class DamagedFileError(RecorderError, ValueError):

@@ -28,7 +28,7 @@ class RecorderOptions:
     """Rows reach the file at the latest this many seconds after `append`. Their journal protects them before that."""
 
     chunk_bytes: int = 1 * MIB
-    """Size of a journal buffer, and so of an uncompressed chunk, in bytes (64 KiB to 4 MiB: the viewers' limits)."""
+    """Size of a journal buffer, and so of an uncompressed chunk, in bytes (64 KiB to 4 MB: the viewers' limits)."""
 
     compression: Compression = "zstd"
     """What chunks are compressed with."""
@@ -62,7 +62,7 @@ class RecorderOptions:
 
     def __post_init__(self) -> None:
         _check(self.flush_interval_s > 0, "flush_interval_s", self.flush_interval_s, "more than 0 s")
-        _check(64 * KIB <= self.chunk_bytes <= 4 * MIB, "chunk_bytes", self.chunk_bytes, "65,536 to 4,194,304 bytes")
+        _check(64 * KIB <= self.chunk_bytes <= 4_000_000, "chunk_bytes", self.chunk_bytes, "65,536 to 4,000,000 bytes")
         _check(self.compression in ("zstd", "lz4", "none"), "compression", self.compression, "'zstd', 'lz4' or 'none'")
         _check(
             self.backlog_bytes >= 2 * self.chunk_bytes,

@@ -115,7 +115,7 @@ def to_json(shape: Shape, title: str) -> dict[str, Any]:
         shape: Of the topic's rows.
         title: The topic's name.
     """
-    shape.fields.setdefault(TIME_KEY, _TIME)
+    shape.fields.setdefault(TIME_KEY, Shape()).kinds.add("number")
     return {"type": "object", "title": title, **_object(shape, [MAX_FIELDS])}
 
 
@@ -154,7 +154,3 @@ def _array(shape: Shape, budget: list[int]) -> dict[str, Any] | None:
 def to_bytes(schema: dict[str, Any], reserve: int = 0) -> bytes:
     """Serialise a schema, padded with blanks to a length of `reserve` bytes so that it can grow in place."""
     return orjson.dumps(schema).ljust(reserve)
-
-
-_TIME = Shape()
-_TIME.kinds.add("number")

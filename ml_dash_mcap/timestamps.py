@@ -1,0 +1,148 @@
+"""What counts as a row's time stamp, for each of the two APIs."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any, Protocol
+
+from . import clock
+from .errors import OptionError, TimestampError
+
+MISSING: Any = type("Missing", (), {"__repr__": lambda self: "<missing>", "__slots__": ()})()
+"""Stands for a `_ts` that was not given."""
+
+INHERIT = -1
+"""As `_ts`: take the last time stamp used, where the rule allows it."""
+
+_TICK_S = 1e-6
+
+
+class LastUsed(Protocol):
+    """Whoever knows the last time stamp that was used."""
+
+    lock: Any
+    last_s: float | None
+
+
+class Stamper(Protocol):
+    """The rule of one recorder."""
+
+    journal: LastUsed
+
+    def resolve(self, given: Any, topic: str) -> float:
+        """Return the time stamp to use, in seconds, for what was given as `_ts`."""
+
+
+def stamper(rule: str) -> Stamper:
+    """Return the rule of a name, "strict" or "auto".
+
+    Raises:
+        OptionError: There is no such rule.
+    """
+    if rule == "strict":
+        return Strict()
+    if rule == "auto":
+        return Automatic()
+    raise OptionError(f"timestamps={rule!r}: it must be 'strict' or 'auto'")
+
+
+class Strict:
+    """ml-dash's rule: every row has its own time stamp."""
+
+    journal: LastUsed
+
+    def resolve(self, given: Any, topic: str) -> float:
+        """Return the time stamp to use, in seconds.
+
+        Raises:
+            TimestampError: It is missing, not a number, not finite, negative or too large.
+        """
+        if given is MISSING:
+            raise TimestampError(
+                f"Timestamp '_ts' is required for track.append() (topic {topic!r}): pass _ts=<seconds>, or open the"
+                " recording with timestamps=\"auto\""
+            )
+        if isinstance(given, str):
+            try:
+                given = float(given)
+            except ValueError as error:
+                raise _not_numeric(given, topic) from error
+        seconds = _to_float(given)
+        if seconds is None:
+            raise _not_numeric(given, topic)
+        if seconds == INHERIT:
+            raise TimestampError(
+                f"append() on topic {topic!r}: _ts=-1 inherits the last time stamp only with timestamps=\"auto\";"
+                " pass the time in seconds, or open the recording with timestamps=\"auto\""
+            )
+        return _in_range(seconds, topic)
+
+
+class Automatic:
+    """dreamlake's rule: a missing time stamp is the wall clock, -1 the last one used on any topic by any thread."""
+
+    journal: LastUsed
+
+    def __init__(self) -> None:
+        self._last_automatic = 0.0
+
+    def resolve(self, given: Any, topic: str) -> float:
+        """Return the time stamp to use, in seconds.
+
+        Raises:
+            TimestampError: It is not a number, not finite, negative (but not -1) or too large.
+        """
+        if given is MISSING or given is None:
+            return self._automatic()
+        seconds = None if isinstance(given, str) else _to_float(given)
+        if seconds is None:
+            raise TimestampError(
+                f"_ts must be a number (seconds since epoch), got {type(given).__name__} {given!r} on topic {topic!r}"
+            )
+        if seconds == INHERIT:
+            last_s = self.journal.last_s
+            return self._automatic() if last_s is None else last_s
+        return _in_range(seconds, topic)
+
+    def _automatic(self) -> float:
+        """Return the wall clock, moved on where it is not later than last time."""
+        with self.journal.lock:
+            now = time.time()
+            if now <= self._last_automatic:
+                now = self._last_automatic + _TICK_S
+            self._last_automatic = now
+            return now
+
+
+def _to_float(given: Any) -> float | None:
+    """Return a number as a float; None for what is no number (a bool is a mistake)."""
+    if isinstance(given, (bool, str, bytes)) or given is None:
+        return None
+    if type(given).__name__ in ("bool", "bool_") and hasattr(given, "dtype"):
+        return None
+    if getattr(given, "ndim", 0) != 0:
+        return None
+    try:
+        return float(given)
+    except (TypeError, ValueError):
+        return None
+    except OverflowError:
+        return math.inf
+
+
+def _in_range(seconds: float, topic: str) -> float:
+    if not math.isfinite(seconds):
+        raise TimestampError(f"append() on topic {topic!r}: _ts={seconds!r} is not a finite number of seconds")
+    if seconds < 0:
+        raise TimestampError(f"append() on topic {topic!r}: _ts={seconds!r} is negative; MCAP times start at 0")
+    if seconds >= clock.END_S:
+        raise TimestampError(
+            f"append() on topic {topic!r}: _ts={seconds!r} is beyond the year 2554, where MCAP's times end; is it in"
+            " nanoseconds? pass seconds"
+        )
+    return seconds + 0.0  # -0.0 becomes 0.0
+
+
+def _not_numeric(given: Any, topic: str) -> TimestampError:
+    return TimestampError(f"Timestamp '_ts' must be numeric, got: {type(given)} ({given!r} on topic {topic!r})")

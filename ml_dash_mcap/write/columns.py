@@ -1,0 +1,171 @@
+"""Many rows at once, given as columns, to Message records."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Mapping
+from itertools import chain, repeat
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import orjson
+
+from .. import clock
+from ..errors import FieldError, TimestampError
+from ..rows.encode import TIME_KEY, exact
+from . import records
+
+_SLICE = 512
+"""Rows encoded at a time: the encoder keeps other threads waiting while it works."""
+
+_COMMA, _CLOSE = ord(","), ord("]")
+
+
+def encode(
+    times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes
+) -> Iterator[tuple[bytes, npt.NDArray[np.int64], float]]:
+    """Check columns and return their rows as Message records, some hundred at a time.
+
+    Args:
+        times_s: Time stamps, [N], s.
+        columns: By field, one value a row: arrays [N, ...] or sequences of length N.
+        topic: For the error messages.
+        head: Channel id and sequence number as they stand in a record.
+
+    Returns:
+        An iterator over the records, where each of them starts, and the time stamp of the last one in seconds.
+
+    Raises:
+        TimestampError: `times_s` is missing or has a time stamp that is not finite, negative or too large.
+        FieldError: A column has another length, or a value cannot be stored.
+    """
+    times = _times(times_s, topic)
+    arrays = {name: _column(name, column, len(times), topic) for name, column in columns.items()}
+    plain = {name: array for name, array in arrays.items() if _is_bulk(array)}
+    if len(plain) < len(arrays):  # a value that cannot be stored is an error before any row is taken
+        blocks = list(_encode_rows(times, arrays, topic, head))
+        return iter(blocks)
+    return _encode_slices(times, plain, topic, head)
+
+
+def _times(times_s: Any, topic: str) -> npt.NDArray[np.float64]:
+    try:
+        times = np.ascontiguousarray(times_s, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise TimestampError(f"append_columns() on topic {topic!r}: _ts must be an array of numbers, [N], in s") from error
+    if times.ndim != 1:
+        raise TimestampError(f"append_columns() on topic {topic!r}: _ts has the shape {times.shape}; it must be [N]")
+    good = (times >= 0) & (times < clock.END_S)
+    if not good.all():
+        row = int(np.flatnonzero(~good)[0])
+        raise TimestampError(
+            f"append_columns() on topic {topic!r}: _ts[{row}]={times[row]!r} is not a time stamp; it must be finite,"
+            " 0 or more, in seconds"
+        )
+    return times + 0.0
+
+
+def _column(name: str, column: Any, count: int, topic: str) -> Any:
+    if name == TIME_KEY or not hasattr(column, "__len__") or isinstance(column, (str, bytes, Mapping)):
+        raise FieldError(
+            f"append_columns() on topic {topic!r}: column {name!r} must be an array or a sequence with one value a row"
+        )
+    if len(column) != count:
+        raise FieldError(
+            f"append_columns() on topic {topic!r}: column {name!r} has {len(column)} rows, but _ts has {count}"
+        )
+    if isinstance(column, np.ndarray):
+        return column
+    kinds = {type(value) for value in column}
+    if len(kinds) == 1 and kinds <= {float, int, bool}:
+        try:
+            return np.array(column)
+        except OverflowError:
+            return column
+    return column
+
+
+def _is_bulk(array: Any) -> bool:
+    """Whether orjson can format a whole array as its rows would be: numbers, and finite ones only."""
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiub" or array.dtype.itemsize > 8:
+        return False
+    return array.size > 0 and (array.dtype.kind != "f" or bool(np.isfinite(array).all()))
+
+
+def _encode_rows(
+    times: npt.NDArray[np.float64], columns: Mapping[str, Any], topic: str, head: bytes
+) -> Iterator[tuple[bytes, npt.NDArray[np.int64], float]]:
+    """Encode row by row what cannot be formatted in bulk."""
+    for first in range(0, len(times), _SLICE):
+        blobs = []
+        for row in range(first, min(first + _SLICE, len(times))):
+            fields = {name: column[row] for name, column in columns.items()}
+            fields[TIME_KEY] = float(times[row])
+            payload = exact(fields, topic)
+            time_ns = clock.to_nanoseconds(float(times[row]))
+            length = len(payload) + records.MESSAGE_LENGTH_EXCESS
+            blobs.append(struct.pack("<BQ6sQQ", records.MESSAGE_OPCODE, length, head, time_ns, time_ns) + payload)
+        lengths = np.array([len(blob) for blob in blobs], np.int64)
+        yield b"".join(blobs), np.cumsum(lengths) - lengths, float(times[row])
+
+
+def _encode_slices(
+    times: npt.NDArray[np.float64], columns: Mapping[str, npt.NDArray[Any]], topic: str, head: bytes
+) -> Iterator[tuple[bytes, npt.NDArray[np.int64], float]]:
+    arrays = {
+        name: np.ascontiguousarray(array, np.float64 if array.dtype.kind == "f" else array.dtype.newbyteorder("="))
+        for name, array in columns.items()
+    }
+    times_ns = _nanoseconds(times)
+    for first in range(0, len(times), _SLICE):
+        part = slice(first, first + _SLICE)
+        blob, starts = _encode_slice(times[part], times_ns[part], {k: a[part] for k, a in arrays.items()}, head)
+        yield blob, starts, float(times[part][-1])
+
+
+def _encode_slice(
+    times: npt.NDArray[np.float64],
+    times_ns: npt.NDArray[np.uint64],
+    columns: Mapping[str, npt.NDArray[Any]],
+    head: bytes,
+) -> tuple[bytes, npt.NDArray[np.int64]]:
+    """Format each column once, cut it at the rows, and join the cuts with the keys between them."""
+    count = len(times)
+    lengths = np.zeros(count, np.int64)
+    pieces: list[Any] = []
+    between = b"{"
+    for name, array in [*columns.items(), (TIME_KEY, times)]:
+        opening = b"[" * (array.ndim - 1)
+        texts, sizes = _cut(array)
+        key = between + orjson.dumps(name) + b":" + opening
+        pieces += [repeat(key, count), texts]
+        lengths += sizes + len(key)
+        between = b"]" * (array.ndim - 1) + b","
+    pieces.append(repeat(b"}", count))
+    lengths += 1
+    heads = np.zeros(count, records.MESSAGE_HEAD_DTYPE)
+    heads["opcode"] = records.MESSAGE_OPCODE
+    heads["length"] = lengths + records.MESSAGE_LENGTH_EXCESS
+    heads["channel"] = int.from_bytes(head[:2], "little")
+    heads["log_time"] = heads["publish_time"] = times_ns
+    packed = heads.tobytes()
+    size = records.MESSAGE_HEAD
+    cut_heads = [packed[at : at + size] for at in range(0, len(packed), size)]
+    lengths += size
+    return b"".join(chain.from_iterable(zip(cut_heads, *pieces, strict=True))), np.cumsum(lengths) - lengths
+
+
+def _cut(array: npt.NDArray[Any]) -> tuple[list[bytes], npt.NDArray[np.int64]]:
+    """Return the text of each row of an array without its outer brackets, and its length, [N]."""
+    depth = array.ndim - 1
+    text = orjson.dumps(array, option=orjson.OPT_SERIALIZE_NUMPY)
+    texts = text[1 + depth : -1 - depth].split(b"]" * depth + b"," + b"[" * depth)
+    return texts, np.fromiter(map(len, texts), np.int64, len(texts))
+
+
+def _nanoseconds(times: npt.NDArray[np.float64]) -> npt.NDArray[np.uint64]:
+    """Like `clock.to_nanoseconds`, for an array."""
+    whole = np.floor(times)
+    part = ((times - whole) * 1e9 + 0.5).astype(np.uint64)
+    return np.asarray(whole.astype(np.uint64) * np.uint64(clock.NS_PER_S) + part)

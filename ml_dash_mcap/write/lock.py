@@ -1,0 +1,74 @@
+"""An exclusive lock on a session file: held while its recorder lives, gone when its process is."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+
+class SessionLock:
+    """The lock of one recorder session. The operating system drops it when the process ends, however it ends."""
+
+    def __init__(self, path: Path, descriptor: int) -> None:
+        self.path = path
+        self._descriptor: int | None = descriptor
+
+    @classmethod
+    def create(cls, path: Path) -> SessionLock:
+        """Make a new session file and hold its lock.
+
+        Raises:
+            OSError: The file is there already, or the folder cannot be written.
+        """
+        lock = cls(path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o644))
+        lock._hold()
+        return lock
+
+    @classmethod
+    def seize(cls, path: Path) -> SessionLock | None:
+        """Take over the lock of a dead recorder; None while the recorder lives or where the file cannot be locked."""
+        try:
+            lock = cls(path, os.open(path, os.O_RDWR | getattr(os, "O_CLOEXEC", 0)))
+        except OSError:
+            return None
+        try:
+            lock._hold()
+        except OSError:
+            lock.release()
+            return None
+        if not path.exists():  # another one was faster, finished the work and removed it
+            lock.release()
+            return None
+        return lock
+
+    def _hold(self) -> None:
+        assert self._descriptor is not None
+        if fcntl is not None:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        else:
+            import msvcrt
+
+            msvcrt.locking(self._descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+
+    def write(self, content: bytes) -> None:
+        """Replace what the session file says."""
+        assert self._descriptor is not None
+        os.ftruncate(self._descriptor, 0)
+        os.lseek(self._descriptor, 0, os.SEEK_SET)
+        os.write(self._descriptor, content)
+
+    def release(self) -> None:
+        """Let go of the lock and keep the file. May be called twice."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+
+    def remove(self) -> None:
+        """Delete the session file and let go of its lock."""
+        self.path.unlink(missing_ok=True)
+        self.release()

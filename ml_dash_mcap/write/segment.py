@@ -1,0 +1,215 @@
+"""One MCAP file being written: opened, grown by chunks, given its summary, and renamed when it is whole."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mcap.opcode import Opcode
+from mcap.records import ChunkIndex, MetadataIndex, Statistics, SummaryOffset
+
+from . import records
+from .chunk import Chunk
+
+ACTIVE_SUFFIX = ".active"
+"""Follows `.mcap` while a segment is in progress; no viewer takes such a file for a finished one."""
+
+
+@dataclass(slots=True)
+class Contents:
+    """What a segment holds: all that its summary says. Offsets and lengths are in bytes, times in ns."""
+
+    schemas: dict[int, bytes] = field(default_factory=dict)
+    """Schema records by id, as they stand in the data section."""
+    channels: dict[int, bytes] = field(default_factory=dict)
+    """Channel records by id."""
+    chunks: list[ChunkIndex] = field(default_factory=list)
+    metadata: list[MetadataIndex] = field(default_factory=list)
+    counts: dict[int, int] = field(default_factory=dict)
+    """Messages by channel id."""
+
+    def summary(self, start: int) -> bytes:
+        """Return everything from the summary section to the last byte of the file.
+
+        Args:
+            start: Where in the file the summary section begins.
+        """
+        groups: list[tuple[int, bytes]] = [
+            (Opcode.SCHEMA, b"".join(self.schemas.values())),
+            (Opcode.CHANNEL, b"".join(self.channels.values())),
+            (Opcode.STATISTICS, records.to_bytes(self._statistics())),
+            (Opcode.CHUNK_INDEX, records.to_bytes(*self.chunks)),
+            (Opcode.METADATA_INDEX, records.to_bytes(*self.metadata)),
+        ]
+        summary, offsets = b"", b""
+        for opcode, group in groups:
+            if group:
+                at = start + len(summary)
+                offsets += records.to_bytes(
+                    SummaryOffset(group_opcode=opcode, group_start=at, group_length=len(group))
+                )
+                summary += group
+        foot = records.footer(start, start + len(summary), 0)
+        crc = zlib.crc32(summary + offsets + foot[:-4])
+        return summary + offsets + records.footer(start, start + len(summary), crc) + records.MAGIC
+
+    def _statistics(self) -> Statistics:
+        return Statistics(
+            attachment_count=0,
+            channel_count=len(self.channels),
+            channel_message_counts={channel: count for channel, count in self.counts.items() if count},
+            chunk_count=len(self.chunks),
+            message_count=sum(self.counts.values()),
+            message_end_time=max((chunk.message_end_time for chunk in self.chunks), default=0),
+            message_start_time=min((chunk.message_start_time for chunk in self.chunks), default=0),
+            metadata_count=len(self.metadata),
+            schema_count=len(self.schemas),
+        )
+
+
+class Segment:
+    """A file in progress. Used by one thread at a time.
+
+    Whatever fails leaves the file as it was before the call: what had reached it of the failed write is cut off.
+    """
+
+    def __init__(self, path: Path, library: str, about: Mapping[str, str]) -> None:
+        """Create the file.
+
+        Args:
+            path: The finished file's name; until then it has `ACTIVE_SUFFIX`.
+            library: What the MCAP header names as the writer.
+            about: The `ml_dash` metadata record.
+
+        Raises:
+            FileExistsError: The name is taken.
+        """
+        self.path = path
+        self.active_path = path.with_name(path.name + ACTIVE_SUFFIX)
+        if path.exists():
+            raise FileExistsError(path)
+        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+        self._descriptor = os.open(self.active_path, flags, 0o644)
+        self.size = 0
+        self.contents = Contents()
+        self._schema_at: dict[int, int] = {}
+        try:
+            if path.exists():
+                raise FileExistsError(path)
+            self._write(records.header(library))
+            self.add_metadata("ml_dash", records.metadata("ml_dash", about))
+        except BaseException:
+            self.discard()
+            raise
+
+    def add_channel(self, number: int, schema: bytes, channel: bytes) -> None:
+        """Write a topic's Schema and Channel records."""
+        self._schema_at[number] = self.size
+        self._write(schema, channel)
+        self.contents.schemas[number] = schema
+        self.contents.channels[number] = channel
+        self.contents.counts.setdefault(number, 0)
+
+    def rewrite_schema(self, number: int, schema: bytes) -> None:
+        """Put a schema in the place of one of the same length."""
+        if len(schema) != len(self.contents.schemas[number]):
+            raise AssertionError("a schema is rewritten at its length")
+        if schema != self.contents.schemas[number]:
+            os.pwrite(self._descriptor, schema, self._schema_at[number])
+            self.contents.schemas[number] = schema
+
+    def schema_space(self, number: int) -> int:
+        """Return the length of a topic's Schema record, 0 where it has none yet."""
+        return len(self.contents.schemas.get(number, b""))
+
+    def add_metadata(self, name: str, record: bytes) -> None:
+        """Write a Metadata record."""
+        at = self.size
+        self._write(record)
+        self.contents.metadata.append(MetadataIndex(offset=at, length=len(record), name=name))
+
+    def add_chunk(self, chunk: Chunk) -> None:
+        """Write a chunk and its message indexes in one call."""
+        at = self.size
+        self._write(chunk.head, chunk.data, *chunk.indexes.values())
+        offsets, position = {}, at + chunk.length
+        for channel, index in chunk.indexes.items():
+            offsets[channel] = position
+            position += len(index)
+        name_length = int.from_bytes(chunk.head[37:41], "little")
+        self.contents.chunks.append(
+            ChunkIndex(
+                chunk_length=chunk.length,
+                chunk_start_offset=at,
+                compression=chunk.head[41 : 41 + name_length].decode("ascii"),
+                compressed_size=len(chunk.data),
+                message_end_time=chunk.end_ns,
+                message_index_length=position - at - chunk.length,
+                message_index_offsets=offsets,
+                message_start_time=chunk.start_ns,
+                uncompressed_size=chunk.uncompressed_size,
+            )
+        )
+        for channel, count in chunk.counts.items():
+            self.contents.counts[channel] = self.contents.counts.get(channel, 0) + count
+
+    def sync(self) -> None:
+        """Wait until what was written would survive a power cut."""
+        getattr(os, "fdatasync", os.fsync)(self._descriptor)
+
+    def finish(self, sync: bool = True) -> Path:
+        """Write the end of the file and give it its name; returns that."""
+        self._write(records.data_end(), self.contents.summary(self.size + len(records.data_end())))
+        if sync:
+            self.sync()
+        os.close(self._descriptor)
+        os.rename(self.active_path, self.path)
+        if sync:
+            sync_folder(self.path.parent)
+        return self.path
+
+    def discard(self) -> None:
+        """Close and delete the file."""
+        os.close(self._descriptor)
+        self.active_path.unlink(missing_ok=True)
+
+    def _write(self, *pieces: bytes | memoryview) -> None:
+        """Write all or nothing."""
+        total = sum(map(len, pieces))
+        try:
+            written = _write_all(self._descriptor, [memoryview(piece) for piece in pieces])
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._descriptor, self.size)
+                os.lseek(self._descriptor, self.size, os.SEEK_SET)
+            raise
+        assert written == total
+        self.size += total
+
+
+def _write_all(descriptor: int, pieces: list[memoryview]) -> int:
+    """Write pieces one after the other, however many calls the system wants for that."""
+    total = 0
+    write: Callable[[int, list[memoryview]], int] = getattr(os, "writev", lambda fd, parts: os.write(fd, parts[0]))
+    while pieces:
+        done = write(descriptor, pieces[:512])
+        total += done
+        while pieces and done >= len(pieces[0]):
+            done -= len(pieces.pop(0))
+        if done:
+            pieces[0] = pieces[0][done:]
+    return total
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a rename in a folder survive a power cut, where the system can."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

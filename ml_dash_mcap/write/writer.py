@@ -1,0 +1,165 @@
+"""The one thread that takes sealed buffers and gets them into the file."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import threading
+import time
+
+import numpy as np
+
+from ..errors import StorageError
+from .blocks import BlockWriter
+from .journal import Buffer, Journal
+
+_FIRST_RETRY_S, _LAST_RETRY_S = 0.05, 1.0
+_CLOSE_PATIENCE_S = 5.0
+"""How long `close` goes on trying to write to a disk that refuses, in seconds."""
+
+_DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT}
+
+_log = logging.getLogger("ml_dash_mcap")
+
+
+class Writer:
+    """The writer thread of one recorder.
+
+    `flush`, `stop` and the figures are for any thread; everything else runs on the writer thread.
+    """
+
+    def __init__(self, journal: Journal, blocks: BlockWriter) -> None:
+        self.failure: BaseException | None = None
+        """Why nothing can be written at the moment, if so."""
+        self.rows_written = 0
+        """Rows whose block is in the file, as they were appended."""
+        self._journal = journal
+        self._blocks = blocks
+        self._progress = threading.Condition()
+        """Guards `_done`, `_synced` and waits for them."""
+        self._requested = 0
+        self._done = 0
+        self._stopping = threading.Event()
+        self._give_up_at = float("inf")
+        self._last_sync = self._last_seal = time.monotonic()
+        self._thread = threading.Thread(target=self._run, name="ml_dash_mcap writer", daemon=True)
+        self._thread.start()
+
+    # -- any thread -------------------------------------------------------------------------------------------------
+
+    def flush(self) -> None:
+        """Wait until every row taken so far is in the file.
+
+        Raises:
+            StorageError: It cannot be written.
+        """
+        while not self._journal.seal():
+            self._raise_failure()
+            self._journal._await_free()
+        with self._progress:
+            self._requested += 1
+            ticket = self._requested
+            self._journal.wake()
+            while self._done < ticket:
+                self._progress.wait(0.1)
+                if self._done < ticket:
+                    self._raise_failure()
+                    if not self._thread.is_alive():
+                        return
+
+    def _raise_failure(self) -> None:
+        failure = self.failure
+        if failure is not None:
+            raise StorageError(
+                getattr(failure, "errno", None) or errno.EIO,
+                f"the recording in {self._blocks.folder} cannot be written: {failure}; its rows wait in the journal",
+            ) from failure
+
+    def stop(self) -> None:
+        """Write what is left, finish the segments and end the thread.
+
+        Raises:
+            StorageError: Not everything could be written; the journal stays for the next one to recover it.
+        """
+        self._give_up_at = time.monotonic() + _CLOSE_PATIENCE_S
+        self._stopping.set()
+        self._journal.wake()
+        self._thread.join()
+        self._raise_failure()
+
+    # -- the thread -------------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            while self._step():
+                pass
+            self._persist(lambda: self._blocks.finish(self._journal.dropped))
+        except BaseException as error:
+            self.failure = error
+            _log.exception("the writer of %s stopped; its rows wait in the journal", self._blocks.folder)
+        finally:
+            with self._progress:
+                self._progress.notify_all()
+
+    def _step(self) -> bool:
+        """Handle one sealed buffer, or one tick of the clock; returns whether to go on."""
+        requested = self._requested
+        buffer = self._journal.take(self._tick_at() - time.monotonic())
+        if buffer is not None:
+            self._write(buffer)
+            return True
+        if self._stopping.is_set():
+            return False
+        with self._progress:
+            self._done = max(self._done, requested)
+            self._progress.notify_all()
+        if time.monotonic() >= self._tick_at():
+            self._last_seal = time.monotonic()
+            self._journal.seal()
+            self._sync_if_due()
+        return True
+
+    def _tick_at(self) -> float:
+        options = self._journal.options
+        interval = min(options.flush_interval_s, options.sync_interval_s or float("inf"))
+        return self._last_seal + interval
+
+    def _write(self, buffer: Buffer) -> None:
+        data = np.frombuffer(buffer.map, np.uint8)
+        count = len(buffer.starts)
+        self._persist(lambda: self._blocks.write(data, buffer.starts, buffer.extras))
+        del data
+        with self._journal.lock:
+            self.rows_written += count
+        self._journal.recycle(buffer)
+        self._sync_if_due()
+
+    def _sync_if_due(self) -> None:
+        interval = self._journal.options.sync_interval_s
+        if not interval or time.monotonic() - self._last_sync < 0.9 * interval:
+            return
+        self._last_sync = time.monotonic()
+        try:
+            self._blocks.sync()
+        except OSError as error:  # what the system did with the data is unknown; never ask it twice
+            _log.error("syncing the recording in %s failed: %s; it goes on in a new segment", self._blocks.folder, error)
+            self._blocks.set_aside()
+
+    def _persist(self, write) -> None:  # type: ignore[no-untyped-def]
+        """Do a write again and again while the disk refuses; the backlog grows meanwhile."""
+        pause = _FIRST_RETRY_S
+        while True:
+            try:
+                write()
+                self.failure = None
+                return
+            except OSError as error:
+                if self.failure is None:
+                    _log.error("cannot write the recording in %s: %s", self._blocks.folder, error)
+                self.failure = error
+                if error.errno not in _DISK_IS_FULL:
+                    self._blocks.set_aside()
+                if time.monotonic() + pause > self._give_up_at:
+                    raise
+                self._stopping.wait(pause)
+                pause = min(2 * pause, _LAST_RETRY_S)
