@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import lz4.frame
+import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
 from tests.support.records import Channel, Chunk, MalformedError, Message, MessageIndex, Record, Schema, Unreadable, walk
@@ -86,7 +86,7 @@ def _size_problems(opened: OpenChunk) -> Iterator[str]:
     if not opened.messages:
         yield f"{chunk.where} is empty: it holds no message."
     if size > LARGEST_CHUNK_BYTES and len(opened.messages) > 1:
-        yield f"{chunk.where} holds {len(opened.messages)} messages in {size} bytes; more than {LARGEST_CHUNK_BYTES} is for a single message."
+        yield f"{chunk.where} holds {size} bytes and {len(opened.messages)} messages; above {LARGEST_CHUNK_BYTES} is for a single message."
 
 
 def _crc_problems(opened: OpenChunk) -> Iterator[str]:

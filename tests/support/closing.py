@@ -70,14 +70,16 @@ def _summary_crc_problems(data: bytes, footer: Footer) -> Iterator[str]:
     if footer.summary_crc == 0 and actual != 0:
         yield f"{footer.where} has no summary CRC."
     elif footer.summary_crc != actual:
-        yield f"{footer.where} has the summary CRC {footer.summary_crc:#010x}, but the bytes from {footer.summary_start} on have {actual:#010x}."
+        yield f"{footer.where} has the summary CRC {footer.summary_crc:#010x}, but the summary has {actual:#010x}."
 
 
 def _other_crc_problems(sections: Sections) -> Iterator[str]:
     """CRCs that may be left out (0), but may not be wrong."""
     end = sections.data_end
-    if end is not None and end.data_section_crc not in (0, zlib.crc32(sections.data[: end.offset])):
-        yield f"{end.where} has the CRC {end.data_section_crc:#010x}, but the data section has {zlib.crc32(sections.data[: end.offset]):#010x}."
+    if end is not None:
+        actual = zlib.crc32(sections.data[: end.offset])
+        if end.data_section_crc not in (0, actual):
+            yield f"{end.where} has the CRC {end.data_section_crc:#010x}, but the data section has {actual:#010x}."
     for record in sections.body:
         if isinstance(record, Attachment) and record.crc not in (0, zlib.crc32(record.content[:-4])):
-            yield f"{record.where} ({record.name!r}) has the CRC {record.crc:#010x}, but its fields have {zlib.crc32(record.content[:-4]):#010x}."
+            yield f"{record.where} ({record.name!r}) has the CRC {record.crc:#010x}, which its fields do not have."

@@ -16,9 +16,9 @@ PROFILES = ("", "ros2")
 def problems(path: Path) -> list[str]:
     """Every violation in a finished MCAP file of the rules that its readers need.
 
-    The rules are the MCAP specification (https://mcap.dev/spec), the checks of `mcap doctor`, and what Lichtblick, Foxglove, PlotJuggler and
-    Rerun need beyond them: one channel a topic, a schema for every channel within the viewers' subset, payloads that are JSON and match it,
-    everything indexed, counted and repeated in the summary.
+    The rules are the MCAP specification (https://mcap.dev/spec), the checks of `mcap doctor`, and what Lichtblick, Foxglove, PlotJuggler
+    and Rerun need beyond them: one channel a topic, a schema within the viewers' subset for every channel, payloads that are JSON and
+    match it, everything indexed, counted and repeated in the summary.
 
     Returns:
         One sentence with the byte offset for each violation; empty for a good file. Offsets are from the start of the file, except those

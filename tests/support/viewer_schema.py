@@ -9,7 +9,21 @@ from collections.abc import Iterator
 from reprlib import repr as shown
 
 IGNORED = frozenset(
-    "$schema $id title description $comment required additionalProperties patternProperties format minimum maximum minItems maxItems".split()
+    {
+        "$schema",
+        "$id",
+        "title",
+        "description",
+        "$comment",
+        "required",
+        "additionalProperties",
+        "patternProperties",
+        "format",
+        "minimum",
+        "maximum",
+        "minItems",
+        "maxItems",
+    }
 )
 """Keywords that the viewers skip, whatever they say."""
 
