@@ -194,9 +194,7 @@ CONTENDERS = {
         mcap_messages,
     ),
     "ml-dash": Contender("ml-dash", ml_dash, f"exp.tracks(topic).append({KEYWORDS}, _ts=t)", jsonl_lines),
-    "dreamlake": Contender(
-        "dreamlake", dreamlake, f"episode.track(topic).append({KEYWORDS}, _ts=t)", dreamlake_points
-    ),
+    "dreamlake": Contender("dreamlake", dreamlake, f"episode.track(topic).append({KEYWORDS}, _ts=t)", dreamlake_points),
     "nothing": Contender("the clock alone", nothing, "pass", lambda folder: 0),
 }
 PACKAGES = ("ml-dash-mcap", "foxglove-sdk", "mcap", "ml-dash", "dreamlake", "orjson", "numpy", "zstandard")
@@ -366,7 +364,8 @@ def memory(contender: Contender, folder: Path, sizes: Sizes) -> Figures:
             run(islice(rows, step), names["topics"][0])
             resident_mb.append(status_mb("VmRSS"))
     after_a_fifth = resident_mb[MEMORY_SAMPLES // 5 - 1]
-    return {"resident_mb": resident_mb, "peak_mb": max(*resident_mb, status_mb("VmHWM")), "growth": resident_mb[-1] / after_a_fifth}
+    peak_mb = max(*resident_mb, status_mb("VmHWM"))
+    return {"resident_mb": resident_mb, "peak_mb": peak_mb, "growth": resident_mb[-1] / after_a_fifth}
 
 
 def status_mb(name: str) -> float:
@@ -423,6 +422,7 @@ MEASURES = {
     "memory": Measure("Resident memory while an hour is recorded", memory, ("ours", "foxglove-bytes"), {}, once=True),
 }
 
+
 def beside(says: str, measure: str, figure: str, peer: str, **limit: float) -> report.Aim:
     return report.Aim(says, (measure, "ours", figure), (measure, peer, figure), **limit)
 
@@ -450,6 +450,7 @@ AIMS = (
 
 
 # The rounds.
+
 
 def play(measures: Sequence[str], contenders: Sequence[str], rounds: int, sizes: Sizes, folder: Path) -> Results:
     results: Results = {}
