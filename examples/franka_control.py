@@ -14,19 +14,17 @@ import argparse
 import importlib.util
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 import mujoco
 import numpy as np
+from matplotlib.figure import Figure  # without pyplot the plot is drawn by Agg, which needs no screen
 from numpy.typing import NDArray
 
 from ml_dash_mcap import Experiment, Recording
-
-matplotlib.use("Agg")  # The plot goes to a file, so that a machine without a screen can run this.
-from matplotlib import pyplot as plt  # noqa: E402  (after the backend is chosen)
 
 Array = NDArray[np.float64]
 
@@ -40,10 +38,11 @@ FINGERS = slice(7, 9)
 OPEN_M = 0.08
 READY = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 0.0, 0.785])  # rad
 
-# Joint impedance of franka_ros' example controller (N m / rad, N m s / rad), the last joint stiffer.
-STIFFNESS = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 100.0])
+# The gains of libfranka's examples/joint_impedance_control.cpp, in N m / rad and N m s / rad.
+STIFFNESS = np.array([600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0])
 DAMPING = np.array([50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0])
 
+UP = np.array([0.0, 0.0, 1.0])
 # Hand pointing down, fingers closing along world y, across the kettle's handle; columns are the hand's axes.
 HAND_DOWN = np.array([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])
 
@@ -140,15 +139,15 @@ def solve_ik(model: Any, data: Any, q_start: Array, position: Array) -> Array:
 
 def grasp_position(data: Any) -> Array:
     """Where the gripper takes the kettle, [3], m: a little above the middle of the handle, to keep the palm clear."""
-    return np.asarray(data.site("kettle_site").xpos + [0.0, 0.0, 0.012])
+    return np.asarray(data.site("kettle_site").xpos + 0.012 * UP)
 
 
 def plan_motion(model: Any, data: Any) -> list[Phase]:
     """One cycle of eight seconds, as stretches between joint positions that start and end at rest."""
     grasp_m = grasp_position(data)
-    above = solve_ik(model, data, READY, grasp_m + [0.0, 0.0, 0.10])
+    above = solve_ik(model, data, READY, grasp_m + 0.10 * UP)
     grasp = solve_ik(model, data, above, grasp_m)
-    lifted = solve_ik(model, data, grasp, grasp_m + [0.0, 0.0, 0.15])
+    lifted = solve_ik(model, data, grasp, grasp_m + 0.15 * UP)
     stretches = [
         ("ready", 0.3, READY, OPEN_M),
         ("reach", 1.8, above, OPEN_M),
@@ -223,7 +222,8 @@ def finger_contacts(model: Any, data: Any) -> dict[str, Any]:
     """What the fingers touch now: the fields of topic `contact`."""
     fingers = {model.body("panda0_leftfinger").id, model.body("panda0_rightfinger").id}
     wrench = np.zeros(6)
-    count, force_n, touched = 0, 0.0, set()
+    count, force_n = 0, 0.0
+    touched: set[str] = set()
     for index, pair in enumerate(data.contact.geom[: data.ncon]):
         others = [geom for geom in pair if model.geom_bodyid[geom] not in fingers]
         if len(others) == 2:
@@ -291,10 +291,8 @@ class HandCamera:
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="hand-camera")
         self._pending: Future[None] | None = None
 
-    def __enter__(self) -> HandCamera:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Wait for the last picture."""
         self._thread.shutdown(wait=True)
         if self._pending is not None:
             self._pending.result()
@@ -315,19 +313,19 @@ class HandCamera:
 
     def _picture(self) -> tuple[NDArray[np.uint8], NDArray[np.uint16]]:
         """Colours, [height, width, 3], and depth along the optical axis, [height, width], mm, 0 for nothing."""
-        axes = self._scene.site_xmat[self._gripper].reshape(3, 3)
-        eye = self._scene.site_xpos[self._gripper] + axes @ [0.06, 0.0, -0.17]
+        model, scene = self._model, self._scene
+        axes = scene.site_xmat[self._gripper].reshape(3, 3)
+        eye = scene.site_xpos[self._gripper] + axes @ [0.06, 0.0, -0.17]
         rays = self._rays @ axes.T
         geoms = np.zeros(len(rays), dtype=np.int32)
-        distance_m = np.zeros(len(rays))
+        dist = np.zeros(len(rays))  # m
         normals = np.zeros(rays.size)
-        looks = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)  # geoms that are seen, not those that collide
-        mujoco.mj_multiRay(
-            self._model, self._scene, eye, rays.ravel(), looks, True, self._hand, geoms, distance_m, normals, len(rays), 5.0
-        )
+        seen = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)  # geom groups that are looks; the others only collide
+        hand, count = self._hand, len(rays)  # the hand itself is left out, the fingers are not
+        mujoco.mj_multiRay(model, scene, eye, rays.ravel(), seen, True, hand, geoms, dist, normals, count, 5.0)
         facing = np.abs(np.einsum("ij,ij->i", normals.reshape(-1, 3), rays))
         rgb = self._colours[geoms] * (0.25 + 0.75 * facing[:, None]) * (geoms >= 0)[:, None]
-        depth_mm = np.maximum(distance_m, 0.0) * self._rays[:, 2] * 1000.0
+        depth_mm = np.maximum(dist, 0.0) * self._rays[:, 2] * 1000.0
         size = (IMAGE_HEIGHT, IMAGE_WIDTH)
         return (rgb * 255).astype(np.uint8).reshape(*size, 3), depth_mm.astype(np.uint16).reshape(size)
 
@@ -357,7 +355,7 @@ def control_loop(exp: Experiment, model: Any, data: Any, phases: list[Phase], *,
     touching = False
     last_name = ""
 
-    with HandCamera(exp, model) as camera:
+    with closing(HandCamera(exp, model)) as camera:
         began_ns = time.perf_counter_ns()
         for step in range(steps):
             ts = step / CONTROL_HZ
@@ -419,9 +417,10 @@ def print_window(exp: Experiment, start_s: float, end_s: float) -> None:
     began = time.perf_counter()
     window = exp.tracks("robot").read(start_timestamp=start_s, end_timestamp=end_s, columns=["q", "ee_pos"])
     took_ms = (time.perf_counter() - began) * 1e3
-    print(f"\nRead back: robot from {start_s:g} s to {end_s:g} s, q and ee_pos: {window['count']} rows in {took_ms:.1f} ms")
+    print(f"\nRead q and ee_pos of robot from {start_s:g} s to {end_s:g} s: {window['count']} rows in {took_ms:.1f} ms")
     for entry in window["entries"][:: max(1, window["count"] - 1)]:
-        print(f"  {entry['timestamp']:.3f} s  q {np.round(entry['q'], 3).tolist()}  ee {np.round(entry['ee_pos'], 3).tolist()}")
+        q, ee_pos = np.round(entry["q"], 3).tolist(), np.round(entry["ee_pos"], 3).tolist()
+        print(f"  {entry['timestamp']:.3f} s  q {q}  ee_pos {ee_pos}")
 
 
 def print_tracking(robot: list[dict[str, Any]], action: list[dict[str, Any]]) -> None:
@@ -437,9 +436,10 @@ def print_timing(timing: Timing, *, realtime: bool) -> None:
     p50, p999 = np.percentile(timing.append_us, [50, 99.9])
     print(f"\nThe loop: {ticks} ticks in {timing.wall_s:.2f} s ({timing.wall_s / ticks * 1e6:.0f} us a tick)")
     print(f"  inside append, a tick: median {p50:.1f} us, p99.9 {p999:.1f} us, max {timing.append_us.max():.1f} us")
+    print("  (two or three rows a tick; what the camera's thread takes from the loop meanwhile is counted too)")
     if realtime:
-        late = int((timing.late_us > 1000.0).sum())
-        print(f"  paced at {CONTROL_HZ} Hz: median {np.median(timing.late_us):.0f} us late, {late} ticks late by over 1 ms")
+        late, median_us = int((timing.late_us > 1000.0).sum()), np.median(timing.late_us)
+        print(f"  paced at {CONTROL_HZ} Hz: median {median_us:.0f} us late, {late} ticks late by over 1 ms")
 
 
 def print_recording(folder: Path) -> None:
@@ -451,7 +451,7 @@ def print_recording(folder: Path) -> None:
             print(f"{name:<10}{topic.count:>8}{topic.rate:>9.1f} Hz{duration_s:>10.3f} s   {', '.join(topic.fields)}")
     print(f"\nIn {folder}:")
     for path in sorted(path for path in folder.rglob("*") if path.is_file() and path.suffix != ".png"):
-        print(f"  {str(path.relative_to(folder)):<40}{path.stat().st_size / 1e3:>10.1f} kB")
+        print(f"  {path.relative_to(folder)!s:<40}{path.stat().st_size / 1e3:>10.1f} kB")
     images = list(folder.rglob("[0-9]*.png"))
     print(f"  {f'{len(images)} images':<40}{sum(path.stat().st_size for path in images) / 1e3:>10.1f} kB")
 
@@ -483,10 +483,8 @@ def shade_phases(axes: Any, phases: list[Phase], seconds: float) -> None:
             for axis in axes:
                 axis.axvspan(start_s, end_s, color="#9aa7b4" if index % 2 else "#ffffff", alpha=0.18, linewidth=0)
             if seconds <= cycle_s:
-                middle_s = (start_s + end_s) / 2
-                axes[0].annotate(
-                    phase.name, (middle_s, 1.02), xycoords=("data", "axes fraction"), ha="center", fontsize=9, color="#444"
-                )
+                above = axes[0].get_xaxis_transform()
+                axes[0].text((start_s + end_s) / 2, 1.02, phase.name, transform=above, ha="center", color="#444")
 
 
 def draw_plot(exp: Experiment, phases: list[Phase], path: Path) -> None:
@@ -499,12 +497,12 @@ def draw_plot(exp: Experiment, phases: list[Phase], path: Path) -> None:
     q, target_q = column(robot, "q"), column(action, "target_q")
     ee_pos = column(robot, "ee_pos")
 
-    figure, axes = plt.subplots(
-        4, 1, sharex=True, figsize=(12, 12), height_ratios=[3, 1.5, 1.5, 1.5], layout="constrained"
-    )
+    figure = Figure(figsize=(12, 12), layout="constrained")
+    axes = figure.subplots(4, 1, sharex=True, height_ratios=[3, 1.5, 1.5, 1.5])
+    dashed: dict[str, Any] = {"color": "black", "linewidth": 0.9, "dashes": (4, 4)}
     for joint, colour in enumerate(JOINT_COLOURS):
         axes[0].plot(t, q[:, joint], color=colour, linewidth=1.8, label=f"q[{joint}]")
-        axes[0].plot(t, target_q[:, joint], color="black", linewidth=0.9, dashes=(4, 4), label="target" if joint == 6 else None)
+        axes[0].plot(t, target_q[:, joint], **dashed, label="target" if joint == 6 else None)
         axes[1].plot(t, (q - target_q)[:, joint] * 1e3, color=colour, linewidth=1.2)
     axes[0].set_ylabel("joint angle [rad]")
     axes[1].set_ylabel("q - target [mrad]")
@@ -512,13 +510,15 @@ def draw_plot(exp: Experiment, phases: list[Phase], path: Path) -> None:
         axes[2].plot(t, ee_pos[:, index], color=colour, linewidth=1.8, label=f"ee {name}")
     axes[2].set_ylabel("gripper position [m]")
     axes[3].plot(t, column(robot, "gripper_pos") * 1e3, color=JOINT_COLOURS[0], linewidth=1.8, label="opening")
-    axes[3].plot(t, column(action, "target_gripper") * 1e3, color="black", linewidth=0.9, dashes=(4, 4), label="target")
+    axes[3].plot(t, column(action, "target_gripper") * 1e3, **dashed, label="target")
     axes[3].set_ylim(-3.0, 87.0)
     axes[3].set_ylabel("gripper opening [mm]")
     axes[3].set_xlabel("simulated time [s]")
     if contact:
         force = axes[3].twinx()
-        force.plot(column(contact, "timestamp"), column(contact, "normal_force"), color=JOINT_COLOURS[5], linewidth=1.2)
+        touch_t, touch_n = column(contact, "timestamp"), column(contact, "normal_force")
+        gaps = np.flatnonzero(np.diff(touch_t) > 1.5 * CONTACT_EVERY / CONTROL_HZ) + 1  # no rows without a touch
+        force.plot(np.insert(touch_t, gaps, np.nan), np.insert(touch_n, gaps, np.nan), color=JOINT_COLOURS[5])
         force.set_ylabel("force on the fingers [N]", color=JOINT_COLOURS[5])
         force.set_ylim(bottom=0.0)
     for axis in (axes[0], axes[2], axes[3]):
@@ -528,8 +528,8 @@ def draw_plot(exp: Experiment, phases: list[Phase], path: Path) -> None:
         axis.margins(x=0)
     shade_phases(axes, phases, float(t[-1]))
     figure.suptitle("Franka arm lifting a kettle, controlled and recorded at 1 kHz")
+    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 # The command
@@ -540,7 +540,7 @@ def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Record a simulated Franka arm at 1 kHz.")
     parser.add_argument("--root", type=Path, default=Path(".dash"), help="folder of all recordings (default: .dash)")
     parser.add_argument("--prefix", default="demo/franka/reach-and-grasp", help="name of the run, owner/project/...")
-    parser.add_argument("--seconds", type=float, default=8.0, help="simulated time; the motion repeats every 8 s (default: 8)")
+    parser.add_argument("--seconds", type=float, default=8.0, help="simulated time (default: 8, one cycle)")
     parser.add_argument("--realtime", action="store_true", help="pace the loop to the wall clock")
     parser.add_argument("--plot", type=Path, help="where the plot goes (default: plot.png beside the recording)")
     arguments = parser.parse_args()
