@@ -1,0 +1,43 @@
+"""A recorder for robots: a control loop logs to it, and it leaves MCAP files that open everywhere."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from .version import __version__
+
+if TYPE_CHECKING:
+    from .experiment import Experiment
+    from .options import RecorderOptions
+    from .recorder import Recorder, Topic
+    from .recording import Recording
+    from .recovery import recover_leftovers as recover
+    from .session import Session
+
+__all__ = ["Experiment", "Recorder", "RecorderOptions", "Recording", "Session", "Topic", "__version__", "recover"]
+
+_HOMES = {
+    "Experiment": "experiment",
+    "Recorder": "recorder",
+    "RecorderOptions": "options",
+    "Recording": "recording",
+    "Session": "session",
+    "Topic": "recorder",
+    "recover": "recovery",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used, so that importing the package loads nothing heavy."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    home = import_module(f"{__name__}.{_HOMES[name]}")
+    found = getattr(home, "recover_leftovers" if name == "recover" else name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])

@@ -19,6 +19,7 @@ from typing import Any, Literal, TypeVar
 from . import clock, timestamps
 from .errors import FieldError, StateError, StorageError, TopicError, UsageError
 from .options import RecorderOptions
+from .recovery import recover_leftovers
 from .rows.encode import EXACT_KEY, TIME_KEY, dumps, exact, plain
 from .timestamps import MISSING
 from .version import LIBRARY
@@ -280,8 +281,6 @@ class Recorder:
             >>> with Recorder("runs/today") as recorder:
             ...     recorder.topic("robot").append(q=[0.1, 0.2], _ts=0.0)
         """
-        from .recovery import recover_leftovers
-
         self.path = _make_folder(path)
         self.options = options if options is not None else RecorderOptions.from_environment()
         self.session = uuid.uuid4().hex[:16]
@@ -292,9 +291,10 @@ class Recorder:
         self._topics: dict[tuple[str, str], Topic] = {}
         self._topics_lock = threading.Lock()
         """Guards `_channels` and `_topics` while one is added."""
-        self._journal = Journal(self.path, self.session, self.options)
+        about = self._about(prefix, metadata or {})
+        self._journal = Journal(self.path, self.session, self.options, about)
         self._stamper.journal = self._journal
-        blocks = BlockWriter(self.path, self.options, self._about(prefix, metadata or {}), self._channels)
+        blocks = BlockWriter(self.path, self.options, about, self._channels)
         self._blocks = blocks
         self._writer = Writer(self._journal, blocks)
         self._journal.failure = _weak_failure(self._writer)

@@ -1,2 +1,298 @@
-"""placeholder"""
-def recover_leftovers(folder): pass
+"""What a recorder that died left behind, made whole: its unfinished segment finished, its journal folded in."""
+
+from __future__ import annotations
+
+import glob
+import json
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import Channel, ChunkIndex, MetadataIndex, Schema
+
+from .errors import DamagedFileError
+from .options import RecorderOptions
+from .read import chunk as read_chunk
+from .read import records as read
+from .read.file import File
+from .version import LIBRARY
+from .write import records
+from .write.blocks import BlockWriter
+from .write.channels import KIND_KEY, TRACK, ChannelInfo
+from .write.journal import JOURNAL_METADATA, SESSION_GLOB
+from .write.lock import SessionLock
+from .write.segment import ACTIVE_SUFFIX, Contents, Segment
+
+_log = logging.getLogger("ml_dash_mcap")
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """What a recovery did."""
+
+    finished: list[Path] = field(default_factory=list)
+    """Segments that had lost their end, and the one made of the journal."""
+    rows: int = 0
+    """Rows that were in the journal only."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Leftover:
+    """A journal buffer of a dead recorder."""
+
+    path: Path
+    data: bytes
+    chunk: int
+    """Its number among the session's blocks with rows."""
+    starts: list[int]
+    extras: list[tuple[int, int]]
+    channels: dict[int, ChannelInfo]
+
+
+def recover_leftovers(folder: Path) -> Recovered:
+    """Recover what dead recorders left in a run's folder; leave alone what living ones are writing.
+
+    Nothing is lost if this is interrupted: it may be repeated. A folder that cannot be written stays as it is.
+
+    Args:
+        folder: The run's folder.
+    """
+    done = Recovered()
+    for session_file in sorted(folder.glob(SESSION_GLOB)):
+        lock = SessionLock.seize(session_file)
+        if lock is None:
+            continue
+        try:
+            one = _recover_session(folder, session_file)
+            lock.remove()
+            done = Recovered([*done.finished, *one.finished], done.rows + one.rows)
+        except (OSError, DamagedFileError) as error:
+            _log.warning("the leftovers of a crashed recorder in %s stay as they are: %s", folder, error)
+        finally:
+            lock.release()
+    return done
+
+
+def _recover_session(folder: Path, session_file: Path) -> Recovered:
+    said = _read_session(session_file)
+    session = str(said.get("session") or session_file.stem.removeprefix(".ml_dash-"))
+    leftovers = _read_journals(str(said.get("journals") or ""), session)
+    finished = [path for path in _unfinished(folder, session) if _finish(path)]
+    written, sequences = _written_so_far(folder, session)
+    pending = [leftover for leftover in leftovers if leftover.chunk >= written]
+    rows = sum(len(leftover.starts) for leftover in pending)
+    if rows or any(leftover.extras for leftover in pending):
+        about = {str(k): str(v) for k, v in dict(said.get("about") or {}).items()}
+        about = {"prefix": folder.name, "run": session, **about, "library": LIBRARY, "recovered": "true"}
+        finished += _fold_in(folder, about, pending, written, sequences)
+    for leftover in leftovers:
+        leftover.path.unlink(missing_ok=True)
+    for name in _journal_names(str(said.get("journals") or "")):
+        Path(name).unlink(missing_ok=True)
+    return Recovered(finished, rows)
+
+
+def _read_session(session_file: Path) -> dict[str, Any]:
+    try:
+        said = json.loads(session_file.read_bytes())
+    except ValueError:  # the process died while it wrote this, before it recorded anything
+        return {}
+    return said if isinstance(said, dict) else {}
+
+
+def _journal_names(pattern: str) -> list[str]:
+    folder, _, name = pattern.rpartition("/")
+    is_ours = name.startswith(".ml_dash-") and name.endswith("-*.journal")
+    return glob.glob(f"{glob.escape(folder)}/{glob.escape(name[: -len('*.journal')])}*.journal") if is_ours else []
+
+
+# -- the journal --------------------------------------------------------------------------------------------------------
+
+
+def _read_journals(pattern: str, session: str) -> list[_Leftover]:
+    """Read the buffers that hold something, in the order in which they were filled."""
+    found = [_read_journal(Path(name), session) for name in _journal_names(pattern)]
+    return sorted((leftover for leftover in found if leftover is not None), key=lambda one: (one.chunk, bool(one.starts)))
+
+
+def _read_journal(path: Path, session: str) -> _Leftover | None:
+    """Walk a buffer's records up to the first byte that begins none; None where nothing was recorded in it."""
+    data = path.read_bytes()
+    if not data.startswith(read.MAGIC):
+        return None
+    starts: list[int] = []
+    extras: list[tuple[int, int]] = []
+    schemas: dict[int, read.Schema] = {}
+    channels: dict[int, ChannelInfo] = {}
+    number = None
+    at = len(read.MAGIC)
+    while at + read.PREFIX_BYTES <= len(data):
+        opcode, length = read.prefix(data, at)
+        end = at + read.PREFIX_BYTES + length
+        if opcode == 0 or end > len(data):
+            break
+        fields = read.Fields(data, str(path), 0, at + read.PREFIX_BYTES, end)
+        if opcode == read.Opcode.MESSAGE:
+            starts.append(at)
+        elif opcode == read.Opcode.SCHEMA:
+            schema = read.schema(fields)
+            schemas[schema.id] = schema
+        elif opcode == read.Opcode.CHANNEL:
+            info = _channel_info(read.channel(fields), schemas)
+            channels[info.number] = info
+        elif opcode == read.Opcode.METADATA:
+            found = read.metadata(fields)
+            if found.name != JOURNAL_METADATA:
+                extras.append((at, end))
+            elif found.values.get("session") == session:
+                number = int(found.values["chunk"])
+        at = end
+    if number is None or not (starts or extras):
+        return None
+    return _Leftover(path, data, number, starts, extras, channels)
+
+
+def _channel_info(channel: read.Channel, schemas: dict[int, read.Schema]) -> ChannelInfo:
+    metadata = dict(channel.metadata)
+    kind = metadata.pop(KIND_KEY, TRACK)
+    schema = schemas[channel.schema_id]
+    fixed = None if kind == TRACK else json.loads(schema.data)
+    return ChannelInfo(channel.id, channel.topic, kind, metadata, fixed, schema.name)
+
+
+def _fold_in(
+    folder: Path, about: dict[str, str], pending: list[_Leftover], written: int, sequences: dict[str, int]
+) -> list[Path]:
+    """Write buffers, in order, into a segment of their own."""
+    channels: dict[int, ChannelInfo] = {}
+    for leftover in pending:
+        channels.update(leftover.channels)
+    by_number = {number: sequences.get(info.topic, 0) for number, info in channels.items()}
+    blocks = BlockWriter(folder, RecorderOptions(), about, channels, written, by_number)
+    for leftover in pending:
+        blocks.write(np.frombuffer(bytearray(leftover.data), np.uint8), leftover.starts, leftover.extras)
+    blocks.finish({})
+    return blocks.finished
+
+
+# -- the segments -------------------------------------------------------------------------------------------------------
+
+
+def _unfinished(folder: Path, session: str) -> Iterable[Path]:
+    """Yield the session's segments in progress; one that the crash left without a header is deleted."""
+    for path in sorted(folder.glob(f"*.mcap{ACTIVE_SUFFIX}")):
+        run = _run_of(path)
+        if run == session:
+            yield path
+
+
+def _run_of(path: Path) -> str | None:
+    """Return which session wrote a segment; None where it does not say."""
+    file = File(path)
+    try:
+        about = next((record.values for record in file.metadata() if record.name == "ml_dash"), None)
+        return None if about is None else about.get("run")
+    finally:
+        file.close()
+
+
+def _finish(path: Path) -> bool:
+    """Give an unfinished segment its end; returns whether there is a file now."""
+    file = File(path)
+    try:
+        index = file.index
+        contents = _contents(index)
+        last = index.chunks[-1] if index.chunks else None
+        rebuilt: dict[int, bytes] = {}
+        size = index.end
+        if last is not None and not last.indexed:
+            scan = read_chunk.scan(file.unpack(last), last, file.source.name)
+            rebuilt = {number: _message_index(found) for number, found in scan.indexes.items()}
+            contents.counts = _add(contents.counts, scan.counts)
+            size = last.end
+            contents.metadata = [entry for entry in contents.metadata if entry.offset < size]
+    finally:
+        file.close()
+    segment = Segment.reopen(path, size, contents)
+    if rebuilt:
+        segment.add_message_indexes(rebuilt)
+    segment.finish()
+    return True
+
+
+def _contents(index: Any) -> Contents:
+    """Say what an unfinished file holds in the terms of its summary; its last chunk may lack its message index."""
+    contents = Contents()
+    for schema in index.schemas.values():
+        contents.schemas[schema.id] = records.to_bytes(
+            Schema(id=schema.id, name=schema.name, encoding=schema.encoding, data=schema.data)
+        )
+    for channel in index.channels.values():
+        contents.channels[channel.id] = records.to_bytes(
+            Channel(
+                id=channel.id,
+                schema_id=channel.schema_id,
+                topic=channel.topic,
+                message_encoding=channel.message_encoding,
+                metadata=dict(channel.metadata),
+            )
+        )
+    for chunk in index.chunks:
+        contents.chunks.append(
+            ChunkIndex(
+                chunk_length=chunk.length,
+                chunk_start_offset=chunk.offset,
+                compression=chunk.compression,
+                compressed_size=chunk.compressed_size,
+                message_end_time=chunk.end_ns,
+                message_index_length=chunk.message_index_length,
+                message_index_offsets=dict(chunk.message_index_offsets),
+                message_start_time=chunk.start_ns,
+                uncompressed_size=chunk.uncompressed_size,
+            )
+        )
+        if chunk.indexed:
+            contents.counts = _add(contents.counts, chunk.counts or {})
+    for entry in index.metadata:
+        contents.metadata.append(MetadataIndex(offset=entry.offset, length=entry.length, name=entry.name))
+    return contents
+
+
+def _message_index(found: read.MessageIndex) -> bytes:
+    order = np.argsort(found.times_ns, kind="stable")
+    entries = np.empty(len(order), records.INDEX_ENTRY_DTYPE)
+    entries["time"], entries["offset"] = found.times_ns[order], found.offsets[order]
+    return records.message_index(found.channel_id, entries)
+
+
+def _add(counts: dict[int, int], more: Any) -> dict[int, int]:
+    return {number: counts.get(number, 0) + more.get(number, 0) for number in {*counts, *more}}
+
+
+def _written_so_far(folder: Path, session: str) -> tuple[int, dict[str, int]]:
+    """Return how many blocks with rows a session has in finished segments, and how many rows each topic has there.
+
+    The session's segments are its newest ones, so that older runs in the folder are not opened.
+    """
+    chunks, rows = 0, dict[str, int]()
+    for path in sorted(folder.glob("*.mcap"), reverse=True):
+        try:
+            file = File(path)
+        except DamagedFileError:
+            continue
+        try:
+            about = next((record.values for record in file.metadata() if record.name == "ml_dash"), {})
+            if about.get("run") != session:
+                if chunks:
+                    break
+                continue
+            chunks = max(chunks, int(about.get("first_chunk", 0)) + len(file.index.chunks))
+            for number, count in file.index.message_counts.items():
+                topic = file.index.channels[number].topic
+                rows[topic] = rows.get(topic, 0) + count
+        finally:
+            file.close()
+    return chunks, rows

@@ -42,7 +42,13 @@ class BlockWriter:
     """
 
     def __init__(
-        self, folder: Path, options: RecorderOptions, about: Mapping[str, str], channels: Mapping[int, ChannelInfo]
+        self,
+        folder: Path,
+        options: RecorderOptions,
+        about: Mapping[str, str],
+        channels: Mapping[int, ChannelInfo],
+        first_chunk: int = 0,
+        sequences: Mapping[int, int] | None = None,
     ) -> None:
         """Prepare; the first segment is made with the first block.
 
@@ -51,20 +57,22 @@ class BlockWriter:
             options: The recorder's.
             about: The constant part of the `ml_dash` metadata record; `library` is also the header's.
             channels: The topics by number; others may add to it while this writes.
+            first_chunk: Number of the first block with rows, where a recovery goes on.
+            sequences: Rows that each topic has already, where a recovery goes on.
         """
         self.folder = folder
         self.finished: list[Path] = []
         self.bytes_written = 0
         self.clock = "unknown"
         """epoch, relative (starts near 0), mixed or unknown: how the tracks' time stamps look."""
-        self.first_chunk = 0
+        self.first_chunk = first_chunk
         """Number of the next block with rows; recovery tells by it which blocks are in a file."""
         self._options = options
         self._about = dict(about)
         self._channels = channels
         self._compress = chunks.compressor(options)
         self._skeletons: dict[int, Skeletons] = {}
-        self._sequences: dict[int, int] = {}
+        self._sequences: dict[int, int] = dict(sequences or {})
         self._parameters: dict[str, str] = {}
         self._stamp = _stamp_after(folder)
         self._number = 0
@@ -206,7 +214,7 @@ class BlockWriter:
     def _ensure_segment(self) -> Segment:
         while self._segment is None:
             self._number += 1
-            path = self.folder / f"{self._stamp}_{self._number:04d}.mcap"
+            path = self.folder / f"{self._stamp}_{self._number:06d}.mcap"
             with contextlib.suppress(FileExistsError):
                 self._segment = Segment(path, self._about["library"], self._describe())
                 self._segment_opened = time.monotonic()

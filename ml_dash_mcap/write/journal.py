@@ -16,7 +16,7 @@ import socket
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -109,7 +109,18 @@ class Journal:
     Appending threads call `add` and `add_metadata`; any thread `seal`; the writer thread `take` and `recycle`.
     """
 
-    def __init__(self, folder: Path, session: str, options: RecorderOptions) -> None:
+    def __init__(self, folder: Path, session: str, options: RecorderOptions, about: Mapping[str, str]) -> None:
+        """Reserve the buffers and begin the first one.
+
+        Args:
+            folder: The run's folder.
+            session: Names this opening of the recording.
+            options: The recorder's.
+            about: The constant part of the `ml_dash` metadata record, for a recovery to repeat.
+
+        Raises:
+            StorageError: The folder cannot be written, or there is no room for the backlog.
+        """
         self.options = options
         self.session = session
         self.lock = threading.RLock()
@@ -136,7 +147,7 @@ class Journal:
         except BaseException:
             self._session_lock.remove()
             raise
-        self._note_session()
+        self._note_session(about)
         for buffer in self._buffers[1:]:
             self._free.put(buffer)
         self.active = self._buffers[0]
@@ -177,13 +188,14 @@ class Journal:
     def _buffer_name(self, number: str) -> str:
         return f".ml_dash-{self.session}-{number}.journal"
 
-    def _note_session(self) -> None:
+    def _note_session(self, about: Mapping[str, str]) -> None:
         """Say in the session file where the buffers are, for whoever comes after a crash."""
         said = {
             "session": self.session,
             "pid": os.getpid(),
             "host": socket.gethostname(),
             "journals": str(self._place.absolute() / self._buffer_name("*")),
+            "about": dict(about),
         }
         self._session_lock.write(json.dumps(said).encode())
 

@@ -106,6 +106,36 @@ class Segment:
             self.discard()
             raise
 
+    @classmethod
+    def reopen(cls, active_path: Path, size: int, contents: Contents) -> Segment:
+        """Take over a file that its recorder left unfinished.
+
+        Args:
+            active_path: The file, with its `ACTIVE_SUFFIX`.
+            size: How much of it is sound, in bytes; the rest is cut off.
+            contents: What that holds.
+        """
+        segment = cls.__new__(cls)
+        segment.path = active_path.with_name(active_path.name.removesuffix(ACTIVE_SUFFIX))
+        segment.active_path = active_path
+        segment._descriptor = os.open(active_path, os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0))
+        os.ftruncate(segment._descriptor, size)
+        os.lseek(segment._descriptor, size, os.SEEK_SET)
+        segment.size = size
+        segment.contents = contents
+        segment._schema_at = {}
+        return segment
+
+    def add_message_indexes(self, indexes: Mapping[int, bytes]) -> None:
+        """Write the MessageIndex records of the last chunk, by channel id, where a crash cut them off."""
+        chunk, position = self.contents.chunks[-1], self.size
+        chunk.message_index_offsets = {}
+        for channel, index in indexes.items():
+            chunk.message_index_offsets[channel] = position
+            position += len(index)
+        chunk.message_index_length = position - self.size
+        self._write(*indexes.values())
+
     def add_channel(self, number: int, schema: bytes, channel: bytes) -> None:
         """Write a topic's Schema and Channel records."""
         self._schema_at[number] = self.size
