@@ -72,7 +72,9 @@ def plain(value: Any) -> Any:
 
 def _is_big_float_array(value: Any) -> bool:
     dtype, size = getattr(value, "dtype", None), getattr(value, "size", None)
-    return isinstance(size, int) and size > _BULK and getattr(dtype, "kind", None) == "f" and dtype.itemsize <= 8
+    if not isinstance(size, int) or size <= _BULK or dtype is None:
+        return False
+    return getattr(dtype, "kind", None) == "f" and dtype.itemsize <= 8
 
 
 def _as_float64(value: Any) -> Any:

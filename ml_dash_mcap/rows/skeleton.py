@@ -1,7 +1,7 @@
 """Which encoded rows have a shape that was seen before, told for a whole block at once.
 
 Decoding every row to infer a schema would keep the interpreter lock from the control loop. So a row is reduced to
-its skeleton, the bytes that are left without digits, signs and exponents, and only rows with a new skeleton are
+its skeleton, the bytes that are left without digits, minus signs, slashes and the letter e, and only rows with a new skeleton are
 decoded. What a skeleton cannot tell (an empty array from one of integers, `1e16` from `116`) is decoded each time.
 """
 
@@ -26,7 +26,7 @@ _LONG = 4096
 """Skeletons of one topic and one length that are remembered, fewer of the long ones (free text and base64 make a new
 one each row); a skeleton is long from this many bytes."""
 
-_COMMA, _DOT, _QUOTE, _NINE, _ZERO, _E = (ord(c) for c in ',."90e')
+_MINUS, _SLASH, _ZERO, _NINE, _E = (ord(character) for character in "-/09e")
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,68 +49,64 @@ class Skeletons:
         self.forms: list[Form] = []
         self._known: dict[int, list[tuple[Bytes, int]]] = {}
 
-    def learn(self, payload: bytes) -> tuple[int, bool]:
-        """Decode one row; returns the number of its form and whether the topic's shape grew."""
+    def learn(self, payload: bytes) -> int:
+        """Decode one row and widen the topic's shape by it; returns the number of its form."""
         row: dict[str, Any] = orjson.loads(payload)
         keys = frozenset(row)
         row = restore(row)
         alone = Shape()
         alone.add(row)
-        grew = self.shape.add(row)
+        self.shape.add(row)
         self.forms.append(Form(keys, not alone.has_unknown_items(), alone.has_integers()))
-        return len(self.forms) - 1, grew
+        return len(self.forms) - 1
 
-    def classify(self, block: Block, rows: Offsets) -> tuple[npt.NDArray[np.int32], bool]:
+    def classify(self, bones: Bones, rows: Offsets) -> npt.NDArray[np.int32]:
         """Find the form of each row, learning the new ones.
 
         Args:
-            block: The block that the rows are in.
+            bones: Of the block that the rows are in.
             rows: Numbers of this topic's rows in the block, [N].
 
         Returns:
-            The form of each row, [N], and whether the topic's shape grew.
+            The form of each row, [N]: its index in `forms`.
         """
         forms = np.full(len(rows), -1, np.int32)
-        starts, lengths = block.skeleton_starts[rows], block.skeleton_lengths[rows]
-        grew = False
+        starts, lengths = bones.starts[rows], bones.lengths[rows]
         for length in np.unique(lengths):
             same = np.flatnonzero(lengths == length)
-            bones = block.kept[starts[same, None] + np.arange(length)]
-            grew |= self._classify_length(block, rows[same], bones, forms, same)
-        return forms, grew
+            skeletons = bones.kept[starts[same, None] + np.arange(length)]
+            self._classify_length(bones, rows[same], skeletons, forms, same)
+        return forms
 
     def _classify_length(
-        self, block: Block, rows: Offsets, bones: Bytes, forms: npt.NDArray[np.int32], at: Offsets
-    ) -> bool:
-        grew = False
-        known = self._known.setdefault(bones.shape[1], [])
-        limit = _KNOWN_LIMIT if bones.shape[1] < _LONG else _KNOWN_LIMIT_LONG
+        self, bones: Bones, rows: Offsets, skeletons: Bytes, forms: npt.NDArray[np.int32], at: Offsets
+    ) -> None:
+        known = self._known.setdefault(skeletons.shape[1], [])
+        limit = _KNOWN_LIMIT if skeletons.shape[1] < _LONG else _KNOWN_LIMIT_LONG
         pending = np.arange(len(rows))
         for skeleton, form in known:
-            pending = self._match(block, rows, bones, skeleton, form, pending, forms, at)
             if not len(pending):
-                return grew
+                return
+            pending = self._match(bones, rows, skeletons, skeleton, form, pending, forms, at)
         while len(pending):
             first = pending[0]
-            form, widened = self.learn(block.payload(int(rows[first])))
-            grew |= widened
+            form = self.learn(bones.payload(int(rows[first])))
             forms[at[first]] = form
             if not self.forms[form].certain:
                 pending = pending[1:]
                 continue
-            skeleton = bones[first].copy()
+            skeleton = skeletons[first].copy()
             if len(known) < limit:
                 known.append((skeleton, form))
             else:
                 known[form % limit] = (skeleton, form)
-            pending = self._match(block, rows, bones, skeleton, form, pending[1:], forms, at)
-        return grew
+            pending = self._match(bones, rows, skeletons, skeleton, form, pending[1:], forms, at)
 
     def _match(
         self,
-        block: Block,
+        bones: Bones,
         rows: Offsets,
-        bones: Bytes,
+        skeletons: Bytes,
         skeleton: Bytes,
         form: int,
         pending: Offsets,
@@ -118,33 +114,33 @@ class Skeletons:
         at: Offsets,
     ) -> Offsets:
         """Give the rows with this skeleton its form; returns the rows that are still without one."""
-        equal = (bones[pending] == skeleton).all(axis=1)
+        equal = (skeletons[pending] == skeleton).all(axis=1)
         if self.forms[form].integers:
-            equal &= ~block.has_exponent(rows[pending])
+            equal &= ~bones.has_exponent(rows[pending])
         forms[at[pending[equal]]] = form
-        return pending[~equal]
+        left: Offsets = pending[~equal]
+        return left
 
 
-class Block:
-    """The bytes of a sealed buffer with its rows, reduced to skeletons once for all topics."""
+class Bones:
+    """The bytes of a block with its rows, reduced to skeletons once for all topics."""
 
     def __init__(self, data: Bytes, starts: Offsets, ends: Offsets) -> None:
         self._data = data
-        self._starts = starts
-        self._ends = ends
-        keep = data > _NINE
+        self._row_starts = starts
+        self._row_ends = ends
+        keep = (data - np.uint8(_SLASH)) > _NINE - _SLASH  # wraps below the slash: no digit and no slash
+        keep &= data != _MINUS
         keep &= data != _E
-        for byte in (_COMMA, _DOT, _QUOTE):
-            keep |= data == byte
         at = np.flatnonzero(keep)
         self.kept = data[at]
-        self.skeleton_starts: Offsets = np.searchsorted(at, starts)
-        self.skeleton_lengths: Offsets = np.searchsorted(at, ends) - self.skeleton_starts
+        self.starts: Offsets = np.searchsorted(at, starts)
+        self.lengths: Offsets = np.searchsorted(at, ends) - self.starts
         self._exponents: Offsets | None = None
 
     def payload(self, row: int) -> bytes:
         """Return the encoded row."""
-        return self._data[self._starts[row] : self._ends[row]].tobytes()
+        return self._data[self._row_starts[row] : self._row_ends[row]].tobytes()
 
     def has_exponent(self, rows: Offsets) -> npt.NDArray[np.bool_]:
         """Whether a row has a digit followed by an `e`: an exponent, or text that looks like one."""
@@ -152,5 +148,5 @@ class Block:
             at = np.flatnonzero(self._data == _E)
             before = self._data[at - 1]
             self._exponents = at[(before >= _ZERO) & (before <= _NINE)]
-        low = np.searchsorted(self._exponents, self._starts[rows])
-        return np.asarray(np.searchsorted(self._exponents, self._ends[rows]) > low)
+        low = np.searchsorted(self._exponents, self._row_starts[rows])
+        return np.asarray(np.searchsorted(self._exponents, self._row_ends[rows]) > low)

@@ -1,0 +1,70 @@
+"""Names to values that are made when they are asked for."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TypeVar
+
+from .errors import NotFoundError
+
+Value = TypeVar("Value")
+
+_LISTED = 10
+
+
+class Lookup(Mapping[str, Value]):
+    """A read-only mapping; each value is made anew when it is asked for.
+
+    Example:
+        >>> lookup = Lookup("topic", ["imu", "robot"], len)
+        >>> lookup["robot"]
+        5
+    """
+
+    def __init__(self, what: str, names: Iterable[str], make: Callable[[str], Value]) -> None:
+        """Make a mapping.
+
+        Args:
+            what: What a name stands for, for the error messages.
+            names: Its keys, in the order in which they are iterated.
+            make: Returns the value of a name.
+        """
+        self._what = what
+        self._names = dict.fromkeys(names)
+        self._make = make
+
+    def __getitem__(self, name: str) -> Value:
+        """Make the value of a name.
+
+        Raises:
+            NotFoundError: There is no such name; the message names similar ones. Also a KeyError.
+        """
+        if name not in self._names:
+            raise not_found(self._what, name, self._names)
+        return self._make(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __repr__(self) -> str:
+        return f"<{self._what}s: {', '.join(self._names) or 'none'}>"
+
+
+def not_found(what: str, name: object, names: Iterable[str]) -> NotFoundError:
+    """Return the error for a name that is not there, with the names that look most like it."""
+    known = list(names)
+    near = difflib.get_close_matches(str(name), known, n=3, cutoff=0.5)
+    if near:
+        hint = f"did you mean {' or '.join(map(repr, near))}?"
+    elif known:
+        hint = f"there are {', '.join(map(repr, known[:_LISTED]))}" + (", ..." if len(known) > _LISTED else "")
+    else:
+        hint = "there are none"
+    return NotFoundError(f"no {what} {name!r} in the recording; {hint}")

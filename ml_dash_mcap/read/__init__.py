@@ -1,0 +1,1 @@
+"""From files to rows: which bytes, what is in them, in which order."""

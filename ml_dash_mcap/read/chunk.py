@@ -1,0 +1,214 @@
+"""From a chunk's bytes to its messages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from zlib import crc32
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import DamagedFileError
+from . import records
+from .fields import Bytes, Fields
+from .limits import Limits
+from .records import Chunk, ChunkHead, MessageIndex, Opcode
+
+MESSAGE_HEAD = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("time", "<u8"),
+        ("published", "<u8"),
+    ]
+)
+"""A Message record up to its payload."""
+
+_FIXED = MESSAGE_HEAD.itemsize - records.PREFIX_BYTES
+
+
+@dataclass(frozen=True, slots=True)
+class Messages:
+    """Messages of one channel out of one chunk."""
+
+    channel_id: int
+    times_ns: npt.NDArray[np.uint64]
+    published_ns: npt.NDArray[np.uint64]
+    sequences: npt.NDArray[np.uint32]
+    offsets: npt.NDArray[np.int64]
+    """In the chunk's records: their order is the order of writing."""
+    payloads: list[bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """What walking a chunk's own records brings to light."""
+
+    schemas: Mapping[int, records.Schema]
+    channels: Mapping[int, records.Channel]
+    indexes: Mapping[int, MessageIndex]
+
+    @property
+    def counts(self) -> dict[int, int]:
+        """Channel to how many messages."""
+        return {channel_id: len(index.offsets) for channel_id, index in self.indexes.items()}
+
+
+def unpack(record: Bytes, chunk: Chunk, path: str, limits: Limits) -> bytes:
+    """Return a chunk's records, uncompressed and checked.
+
+    Args:
+        record: The whole Chunk record (or, for loose messages, just these).
+        chunk: What the index says about it.
+        path: The file, for error messages.
+        limits: Checked before memory is taken.
+
+    Raises:
+        DamagedFileError: The record is no chunk, contradicts itself or the index, is beyond the limits, or its CRC
+            does not match.
+    """
+    if chunk.compression == records.LOOSE:
+        return bytes(record)
+    opcode, length = records.prefix(record, 0) if len(record) >= records.PREFIX_BYTES else (0, 0)
+    if opcode != Opcode.CHUNK or length != len(record) - records.PREFIX_BYTES:
+        raise DamagedFileError(path, chunk.offset, "the index says that a chunk starts here, but none does")
+    fields = Fields(record, path, chunk.offset, records.PREFIX_BYTES)
+    head = records.chunk_head(fields)
+    if head.records_length != len(record) - fields.at:
+        raise DamagedFileError(path, chunk.offset, "a chunk whose record and content have different lengths")
+    _check_size(head, path, chunk.offset, limits)
+    packed = memoryview(record)[fields.at :]
+    data = _decompress(packed, head, path, chunk.offset)
+    if len(data) != head.uncompressed_size:
+        raise DamagedFileError(
+            path, chunk.offset, f"a chunk of {len(data)} bytes that announces {head.uncompressed_size} bytes"
+        )
+    if head.uncompressed_crc and crc32(data) != head.uncompressed_crc:
+        raise DamagedFileError(path, chunk.offset, "a chunk whose checksum (CRC-32) does not match its content")
+    return data
+
+
+def _check_size(head: ChunkHead, path: str, offset: int, limits: Limits) -> None:
+    size = head.uncompressed_size
+    if size > limits.chunk_bytes:
+        raise DamagedFileError(path, offset, f"a chunk of {size} bytes; the limit is {limits.chunk_bytes}")
+    if size > limits.any_ratio_bytes and size > limits.ratio * head.records_length:
+        raise DamagedFileError(
+            path,
+            offset,
+            f"a chunk that unpacks {head.records_length} bytes to {size}; the limit is {limits.ratio} times",
+        )
+
+
+def _decompress(packed: memoryview, head: ChunkHead, path: str, offset: int) -> bytes:
+    if head.compression == "":
+        return bytes(packed)
+    try:
+        if head.compression == "zstd":
+            return _unpack_zstd(packed, head.uncompressed_size)
+        if head.compression == "lz4":
+            return _unpack_lz4(packed, head.uncompressed_size)
+    except Exception as error:  # each decompressor has its own error types, some of them plain RuntimeErrors
+        raise DamagedFileError(path, offset, f"a chunk that cannot be uncompressed: {error}") from error
+    raise DamagedFileError(path, offset, f"a chunk with the unknown compression {head.compression!r}")
+
+
+def _unpack_zstd(packed: memoryview, size: int) -> bytes:
+    import zstandard
+
+    announced = zstandard.frame_content_size(packed)
+    if announced not in (-1, size):  # the decompressor believes the frame, whatever max_output_size says
+        raise ValueError(f"its frame announces {announced} bytes, the chunk {size}")
+    if size == 0:
+        return b""
+    return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+
+
+def _unpack_lz4(packed: memoryview, size: int) -> bytes:
+    import lz4.frame
+
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    data: bytes = decompressor.decompress(packed, max_length=size + 1)
+    return data
+
+
+def scan(data: bytes, chunk: Chunk, path: str) -> Scan:
+    """Walk a chunk's own records: for chunks without a message index, and for channels that stand inside."""
+    schemas: dict[int, records.Schema] = {}
+    channels: dict[int, records.Channel] = {}
+    times: dict[int, list[int]] = {}
+    offsets: dict[int, list[int]] = {}
+    try:
+        for opcode, at, fields in records.split(data, path, 0):
+            if opcode == Opcode.MESSAGE:
+                channel_id, _sequence, time_ns = fields.u16(), fields.u32(), fields.u64()
+                times.setdefault(channel_id, []).append(time_ns)
+                offsets.setdefault(channel_id, []).append(at)
+            elif opcode == Opcode.SCHEMA:
+                schema = records.schema(fields)
+                schemas[schema.id] = schema
+            elif opcode == Opcode.CHANNEL:
+                channel = records.channel(fields)
+                channels[channel.id] = channel
+    except DamagedFileError as error:
+        raise DamagedFileError(path, chunk.offset, f"a chunk with damaged records ({error})") from error
+    indexes = {
+        channel_id: MessageIndex(
+            channel_id, np.array(found, dtype=np.uint64), np.array(offsets[channel_id], dtype=np.uint64)
+        )
+        for channel_id, found in times.items()
+    }
+    return Scan(schemas, channels, indexes)
+
+
+def no_messages(channel_id: int) -> MessageIndex:
+    """Return the message index of a channel that a chunk does not hold."""
+    return MessageIndex(channel_id, np.empty(0, np.uint64), np.empty(0, np.uint64))
+
+
+def within(index: MessageIndex, start_ns: int, end_ns: int) -> MessageIndex:
+    """Return the part of a message index whose times lie in [start_ns, end_ns]."""
+    low, high = np.uint64(max(start_ns, 0)), np.uint64(min(max(end_ns, 0), 2**64 - 1))
+    keep = (index.times_ns >= low) & (index.times_ns <= high)
+    if keep.all():
+        return index
+    return MessageIndex(index.channel_id, index.times_ns[keep], index.offsets[keep])
+
+
+def gather(data: bytes, index: MessageIndex, chunk: Chunk, path: str) -> Messages:
+    """Cut out the messages that a message index points to.
+
+    Raises:
+        DamagedFileError: An entry points to something else than a message of that channel and time.
+    """
+    heads, starts = _heads(data, index, chunk, path)
+    ends = starts + records.PREFIX_BYTES + heads["length"].astype(np.int64)
+    sound = (heads["opcode"] == Opcode.MESSAGE) & (heads["channel"] == index.channel_id)
+    sound &= (heads["time"] == index.times_ns) & (heads["length"] >= _FIXED) & (heads["length"] <= len(data))
+    sound &= ends <= len(data)
+    if not sound.all():
+        raise DamagedFileError(path, chunk.offset, "a message index that contradicts its chunk")
+    payload_starts = (starts + MESSAGE_HEAD.itemsize).tolist()
+    return Messages(
+        channel_id=index.channel_id,
+        times_ns=index.times_ns,
+        published_ns=heads["published"].astype(np.uint64),
+        sequences=heads["sequence"].astype(np.uint32),
+        offsets=starts,
+        payloads=[data[start:end] for start, end in zip(payload_starts, ends.tolist(), strict=True)],
+    )
+
+
+def _heads(
+    data: bytes, index: MessageIndex, chunk: Chunk, path: str
+) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
+    room = len(data) - MESSAGE_HEAD.itemsize
+    if len(index.offsets) and int(index.offsets.max()) > room:
+        raise DamagedFileError(path, chunk.offset, "a message index that points behind its chunk")
+    starts = index.offsets.astype(np.int64)
+    raw = np.frombuffer(data, dtype=np.uint8)
+    heads = raw[starts[:, None] + np.arange(MESSAGE_HEAD.itemsize)].reshape(-1).view(MESSAGE_HEAD)
+    return heads, starts

@@ -1,0 +1,133 @@
+"""How many rows a topic has and when they start and end, reading as little as that takes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import clock
+from ..rows.encode import TIME_KEY
+from . import chunk as chunks
+from . import plan, rows
+from .decode import decoder
+from .file import File
+from .messages import TOLERANCE_NS
+from .plan import Located
+from .records import Channel, MessageIndex
+
+OWN_LIBRARY = "ml_dash_mcap"
+"""What the header of a file starts with whose chunks hold no two rows of one topic and time stamp."""
+
+_DISTINCT_FROM_NS = 2**23 * clock.NS_PER_S
+"""From here on (97 days) doubles are more than a nanosecond apart: what shares a nanosecond shares the double."""
+
+
+def channels(files: Sequence[File], topic: str) -> list[tuple[File, Channel]]:
+    """Return a topic's channels, in the order of writing."""
+    return [(file, channel) for file in files for channel in file.index.channels_of(topic).values()]
+
+
+def kind(files: Sequence[File], topic: str) -> str | None:
+    """Return what kind of topic it is; None where no channel of it says."""
+    for _, channel in channels(files, topic):
+        found = channel.metadata.get("kind")
+        if found is not None:
+            return found
+    return None
+
+
+def count(files: Sequence[File], topic: str) -> int:
+    """Return how many rows a topic has after merging, reading no more than that takes.
+
+    The statistics know, unless two chunks that touch in time may hold rows of one time stamp; then their message
+    indexes know; and only times of the first 97 days, where two doubles can share a nanosecond, need the payloads.
+    """
+    total = sum(file.index.message_counts.get(channel.id, 0) for file, channel in channels(files, topic))
+    if kind(files, topic) != "track":
+        return total
+    return total - _duplicates(files, topic)
+
+
+def _duplicates(files: Sequence[File], topic: str) -> int:
+    located = _located(files, topic)
+    doubtful = {one.rank for one in located if not files[one.file].index.header.library.startswith(OWN_LIBRARY)}
+    reach: Located | None = None
+    for one in located:
+        if reach is not None and one.chunk.start_ns <= reach.chunk.end_ns:
+            doubtful.update((reach.rank, one.rank))
+        if reach is None or one.chunk.end_ns > reach.chunk.end_ns:
+            reach = one
+    times = [_times(files[one.file], topic, one) for one in located if one.rank in doubtful]
+    if not times:
+        return 0
+    shared, counts = np.unique(np.concatenate(times), return_counts=True)
+    surely = (counts > 1) & (shared >= np.uint64(_DISTINCT_FROM_NS))
+    duplicates = int((counts[surely] - 1).sum())
+    perhaps = shared[(counts > 1) & ~surely]
+    if len(perhaps):
+        duplicates += _duplicates_among(files, topic, [one for one in located if one.rank in doubtful], perhaps)
+    return duplicates
+
+
+def _duplicates_among(
+    files: Sequence[File], topic: str, located: Sequence[Located], times_ns: npt.NDArray[np.uint64]
+) -> int:
+    """Count by the doubles in the payloads how many messages of these times are not rows of their own."""
+    seen: set[float] = set()
+    messages = 0
+    for one in located:
+        file = files[one.file]
+        for channel in file.index.channels_of(topic).values():
+            found = file.message_index(one.chunk, channel.id)
+            keep = np.isin(found.times_ns, times_ns)
+            if not keep.any():
+                continue
+            picked = MessageIndex(channel.id, found.times_ns[keep], found.offsets[keep])
+            decode = decoder(channel, file.index.schema_of(channel))
+            gathered = chunks.gather(file.unpack(one.chunk), picked, one.chunk, file.source.name)
+            for payload, time_ns in zip(gathered.payloads, gathered.times_ns.tolist(), strict=True):
+                time = decode(payload).get(TIME_KEY)
+                seen.add(float(time) if isinstance(time, (int, float)) else clock.to_seconds(time_ns))
+            messages += len(gathered.payloads)
+    return messages - len(seen)
+
+
+def _located(files: Sequence[File], topic: str) -> list[Located]:
+    indexes = [file.index for file in files]
+    return plan.chunks(indexes, [index.channels_of(topic) for index in indexes], 0, rows.LAST_NS)
+
+
+def _times(file: File, topic: str, located: Located) -> npt.NDArray[np.uint64]:
+    ids = file.index.channels_of(topic)
+    found = [file.message_index(located.chunk, channel_id).times_ns for channel_id in ids]
+    return np.concatenate(found) if found else np.empty(0, np.uint64)
+
+
+def time_range(files: Sequence[File], topic: str) -> tuple[float | None, float | None]:
+    """Return the time stamps of a topic's first and last rows, in s; looks only into the chunks at its ends."""
+    located = _located(files, topic)
+    first: int | None = None
+    for one in located:
+        if first is not None and one.chunk.start_ns > first:
+            break
+        times = _times(files[one.file], topic, one)
+        if len(times):
+            first = int(times.min()) if first is None else min(first, int(times.min()))
+    if first is None:
+        return None, None
+    last = first
+    for one in sorted(located, key=lambda one: one.chunk.end_ns, reverse=True):
+        if one.chunk.end_ns < last:
+            break
+        times = _times(files[one.file], topic, one)
+        if len(times):
+            last = max(last, int(times.max()))
+    return _time_at(files, topic, first, min), _time_at(files, topic, last, max)
+
+
+def _time_at(files: Sequence[File], topic: str, time_ns: int, choose: Callable[[Iterable[float]], float]) -> float:
+    """Return the exact double of the row at a log time."""
+    low, high = clock.to_seconds(time_ns - TOLERANCE_NS), clock.to_seconds(time_ns + TOLERANCE_NS)
+    return choose(row[TIME_KEY] for row in rows.read(files, topic, low, high))

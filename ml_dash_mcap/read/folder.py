@@ -1,0 +1,58 @@
+"""Which files a recording is made of."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+from ..errors import MissingRecordingError
+from .file import ACTIVE_SUFFIX
+
+SUFFIX = ".mcap"
+
+_SEARCH_DEPTH = 4
+_NAMED = 5
+
+
+def segments(path: Path) -> list[Path]:
+    """Return the files of a recording in the order of writing, the finished ones and those in progress.
+
+    Args:
+        path: A run's folder, or one file.
+
+    Raises:
+        MissingRecordingError: There is nothing at that path, or it is a folder whose recordings lie further down.
+    """
+    if path.is_file():
+        return [path]
+    if not path.is_dir():
+        raise MissingRecordingError(errno.ENOENT, "no recording here", str(path))
+    found: dict[str, Path] = {}
+    for name in sorted(os.listdir(path)):  # "x.mcap" comes before "x.mcap.active" and wins
+        stem = name.removesuffix(ACTIVE_SUFFIX)
+        if stem.endswith(SUFFIX) and not name.startswith("."):
+            found.setdefault(stem, path / name)
+    if not found:
+        _refuse_parent(path)
+    return [found[stem] for stem in sorted(found)]
+
+
+def _refuse_parent(path: Path) -> None:
+    """Raise if recordings lie further down: whoever opened this folder meant one of those."""
+    below = _recordings_below(path)
+    if below:
+        named = ", ".join(below[:_NAMED]) + (", ..." if len(below) > _NAMED else "")
+        raise MissingRecordingError(errno.ENOENT, f"no recording here, but in the folders below it: {named}", str(path))
+
+
+def _recordings_below(path: Path) -> list[str]:
+    found: list[str] = []
+    for folder, names, files in os.walk(path):
+        depth = len(Path(folder).relative_to(path).parts)
+        names[:] = sorted(name for name in names if not name.startswith(".")) if depth < _SEARCH_DEPTH else []
+        if depth and any(name.removesuffix(ACTIVE_SUFFIX).endswith(SUFFIX) for name in files):
+            found.append(Path(folder).relative_to(path).as_posix())
+            if len(found) > _NAMED:
+                break
+    return found

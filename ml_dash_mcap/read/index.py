@@ -1,0 +1,44 @@
+"""What a file holds, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from .records import AttachmentEntry, Channel, Chunk, Header, MetadataEntry, Schema, Statistics
+
+
+@dataclass(frozen=True, slots=True)
+class FileIndex:
+    """A table of contents: from a finished file's summary, or from walking over its records."""
+
+    path: str
+    header: Header
+    schemas: Mapping[int, Schema]
+    channels: Mapping[int, Channel]
+    chunks: tuple[Chunk, ...]
+    """In the order of the file."""
+    message_counts: Mapping[int, int]
+    """Channel to its number of messages."""
+    metadata: tuple[MetadataEntry, ...]
+    attachments: tuple[AttachmentEntry, ...]
+    finished: bool
+    """Whether the file has its end: footer and closing magic."""
+    end: int
+    """Where the last whole record of the data section ends, in bytes."""
+    damage: str | None = None
+    """What was found broken and is left out, in words."""
+    statistics: Statistics | None = None
+
+    def channels_of(self, topic: str) -> dict[int, Channel]:
+        """Return a topic's channels (our own files have one, others may have several)."""
+        return {channel.id: channel for channel in self.channels.values() if channel.topic == topic}
+
+    def schema_of(self, channel: Channel) -> Schema | None:
+        """Return a channel's schema, if it has one."""
+        return self.schemas.get(channel.schema_id)
+
+
+def empty(path: str) -> FileIndex:
+    """Return the index of a file that its recorder has only just created."""
+    return FileIndex(path, Header("", ""), {}, {}, (), {}, (), (), finished=False, end=0)

@@ -1,0 +1,143 @@
+"""One topic's rows: decoded, in time order, those of one time stamp merged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from .. import clock
+from ..errors import DamagedFileError, RangeError
+from ..rows.encode import TIME_KEY
+from ..rows.merge import merge
+from . import messages
+from .decode import Decoder, Row, decoder
+from .file import File
+from .messages import TOLERANCE_NS, Batch, Origin
+
+LAST_NS = 2**64 - 1
+"""The last time that MCAP can say, in ns."""
+
+
+def check_range(start: Any, end: Any) -> tuple[float, float]:
+    """Return a time range in seconds, both ends included; None is unbounded.
+
+    Raises:
+        RangeError: An end is not a number, or the end lies before the start.
+    """
+    low = _bound("start_timestamp", start, -math.inf)
+    high = _bound("end_timestamp", end, math.inf)
+    if low > high:
+        raise RangeError(f"start_timestamp={start!r} lies after end_timestamp={end!r}; no row can be in that range")
+    return low, high
+
+
+def _bound(name: str, value: Any, default: float) -> float:
+    if value is None:
+        return default
+    try:
+        bound = float(value)
+    except (TypeError, ValueError) as error:
+        raise RangeError(f"{name}={value!r} is not a number of seconds") from error
+    if math.isnan(bound):
+        raise RangeError(f"{name} is NaN; leave it out for an open range")
+    return bound
+
+
+def to_ns_range(low: float, high: float) -> tuple[int, int]:
+    """Return the log times, in ns, that the rows of a range in seconds can have; a little wider than the range."""
+    start = 0 if low <= 0 else LAST_NS if low >= clock.END_S else clock.to_nanoseconds(low)
+    end = -1 if high < 0 else LAST_NS if high >= clock.END_S else clock.to_nanoseconds(high)
+    return max(0, start - TOLERANCE_NS), end if end < 0 else min(LAST_NS, end + TOLERANCE_NS)
+
+
+def read(files: Sequence[File], topic: str, low: float = -math.inf, high: float = math.inf) -> Iterator[Row]:
+    """Read a topic's rows with time stamps in [low, high], in time order.
+
+    Each row is a dict of its fields as they were given and `_ts`. Rows of a recorded track with the same double for
+    a time stamp are one row, in which later fields win; rows that only share a nanosecond stay apart. Rows of foreign
+    messages are never merged, and take their log time where they have no `_ts` of their own.
+
+    Args:
+        files: In the order of writing.
+        topic: Its name.
+        low: First time stamp, in seconds.
+        high: Last time stamp, included, in seconds.
+    """
+    decoders: dict[tuple[str, int], Decoder] = {}
+    start_ns, end_ns = to_ns_range(low, high)
+    for batch in messages.read(files, topic, start_ns, end_ns):
+        rows: Iterable[Row] = _decode(batch, decoders)
+        if bool(np.any(batch.times_ns[1:] == batch.times_ns[:-1])):
+            rows = _merge_same_times(batch, list(rows))
+        if low > -math.inf or high < math.inf:
+            rows = (row for row in rows if low <= row[TIME_KEY] <= high)
+        yield from rows
+
+
+def _decode(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterator[Row]:
+    by_origin = [_decoder(origin, decoders) for origin in batch.origins]
+    for payload, time_ns, which in zip(batch.payloads, batch.times_ns.tolist(), batch.origin_of.tolist(), strict=True):
+        try:
+            row = by_origin[which](payload)
+        except (ValueError, RecursionError) as error:
+            origin = batch.origins[which]
+            raise DamagedFileError(
+                origin.file.source.name,
+                origin.chunk_offset,
+                f"a message of topic {origin.channel.topic!r} at {time_ns} ns in the chunk here is not"
+                f" {origin.channel.message_encoding}: {error}",
+            ) from error
+        time = row.get(TIME_KEY)
+        if type(time) is not float or not abs(time * 1e9 - time_ns) <= TOLERANCE_NS:
+            _set_time(row, time, time_ns)
+        yield row
+
+
+def _decoder(origin: Origin, decoders: dict[tuple[str, int], Decoder]) -> Decoder:
+    key = (origin.file.source.name, origin.channel.id)
+    known = decoders.get(key)
+    if known is None:
+        known = decoders[key] = decoder(origin.channel, origin.file.index.schema_of(origin.channel))
+    return known
+
+
+def _set_time(row: Row, time: Any, time_ns: int) -> None:
+    """Give a row its time stamp, at the end of the dict: an integer's double, or its log time."""
+    row.pop(TIME_KEY, None)
+    is_its_time = type(time) is int and abs(time * clock.NS_PER_S - time_ns) <= TOLERANCE_NS
+    row[TIME_KEY] = float(time) if is_its_time else clock.to_seconds(time_ns)
+
+
+def _merge_same_times(batch: Batch, rows: list[Row]) -> list[Row]:
+    merges = [origin.channel.metadata.get("kind") == "track" for origin in batch.origins]
+    edges = np.flatnonzero(batch.times_ns[1:] != batch.times_ns[:-1]) + 1
+    merged: list[Row] = []
+    start = 0
+    for end in (*edges.tolist(), len(rows)):
+        if end - start == 1:
+            merged.append(rows[start])
+        else:
+            merged += _merge_group(rows[start:end], [merges[which] for which in batch.origin_of[start:end].tolist()])
+        start = end
+    return merged
+
+
+def _merge_group(rows: list[Row], merges: list[bool]) -> list[Row]:
+    """Merge the rows of one nanosecond that also have the same double, the earliest written first."""
+    by_time: dict[float, list[Row]] = {}
+    apart: list[tuple[float, list[Row]]] = []
+    for row, is_merged in zip(rows, merges, strict=True):
+        if is_merged:
+            by_time.setdefault(row[TIME_KEY], []).append(row)
+        else:
+            apart.append((row[TIME_KEY], [row]))
+    groups = sorted([*by_time.items(), *apart], key=lambda group: group[0])
+    return [group[0] if len(group) == 1 else _time_last(merge(group)) for _, group in groups]
+
+
+def _time_last(row: Row) -> Row:
+    row[TIME_KEY] = row.pop(TIME_KEY)
+    return row

@@ -1,0 +1,78 @@
+"""One JSON Schema for a topic whose segments have one each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import orjson
+
+from ..rows.encode import TIME_KEY
+from .file import File
+from .records import Channel
+
+
+def read(channels: Iterable[tuple[File, Channel]]) -> dict[str, Any]:
+    """Return a topic's JSON Schema, merged over its channels; empty if it has none."""
+    merged: dict[str, Any] = {}
+    for file, channel in channels:
+        described = file.index.schema_of(channel)
+        if described is None or described.encoding != "jsonschema":
+            continue
+        try:
+            parsed = orjson.loads(described.data)
+        except orjson.JSONDecodeError:
+            continue
+        if isinstance(parsed, dict):
+            merged = _merge_schemas(merged, parsed) if merged else parsed
+    return merged
+
+
+def field_types(schema: Mapping[str, Any]) -> dict[str, str]:
+    """Return the dotted names and types of a JSON Schema's fields, without the time stamp."""
+    return {name: type_ for name, type_ in _walk_fields(schema, "") if name != TIME_KEY}
+
+
+def _walk_fields(schema: Mapping[str, Any], parent: str) -> Iterable[tuple[str, str]]:
+    properties = schema.get("properties")
+    for name, inner in properties.items() if isinstance(properties, dict) else ():
+        if not isinstance(inner, dict):
+            continue
+        dotted = f"{parent}{name}"
+        if inner.get("type") == "object" and inner.get("properties"):
+            yield from _walk_fields(inner, dotted + ".")
+        else:
+            yield dotted, _type_text(inner)
+
+
+def _type_text(schema: Mapping[str, Any]) -> str:
+    type_ = schema.get("type")
+    if type_ == "array":
+        items = schema.get("items")
+        return f"{_type_text(items)}[]" if isinstance(items, dict) else "array"
+    if type_ == "string" and schema.get("contentEncoding") == "base64":
+        return "bytes"
+    return type_ if isinstance(type_, str) else "any"
+
+
+def _merge_schemas(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
+    """Cover what two segments' schemas cover: all their fields, `number` where one has integers."""
+    types = {first.get("type"), second.get("type")}
+    merged = {**first, **second}
+    if types == {"integer", "number"}:
+        merged["type"] = "number"
+    ours, theirs = first.get("properties"), second.get("properties")
+    if isinstance(ours, dict) and isinstance(theirs, dict):
+        merged["properties"] = {name: _either(ours.get(name), theirs.get(name)) for name in {**ours, **theirs}}
+    if isinstance(first.get("items"), dict) and isinstance(second.get("items"), dict):
+        merged["items"] = _merge_schemas(first["items"], second["items"])
+    for key, choose in (("minItems", min), ("maxItems", max)):
+        if key in first and key in second:
+            merged[key] = choose(first[key], second[key])
+    return merged
+
+
+def _either(first: Any, second: Any) -> Any:
+    if isinstance(first, dict) and isinstance(second, dict):
+        return _merge_schemas(first, second)
+    return first if second is None else second

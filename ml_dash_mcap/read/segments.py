@@ -1,0 +1,80 @@
+"""The files of a recording, opened, while some of them may still be growing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import MissingRecordingError
+from . import folder
+from .file import ACTIVE_SUFFIX, File
+
+
+class Segments:
+    """A run's folder, or one file. Any thread may read its files; one at a time refreshes.
+
+    Attributes:
+        files: In the order of writing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open what is there.
+
+        Raises:
+            MissingRecordingError: Nothing is.
+            DamagedFileError: A file is no MCAP file, or a finished one is broken.
+        """
+        self._path = path
+        self.files: list[File] = []
+        try:
+            self.refresh()
+        except BaseException:
+            self.close()
+            raise
+
+    def refresh(self) -> bool:
+        """Open files that are new, and go on with those that have grown or were renamed.
+
+        Returns:
+            Whether anything changed.
+        """
+        known = {_stem(file.path): file for file in self.files}
+        files: list[File] = []
+        changed = False
+        for path in self._present():
+            file = known.get(_stem(path))
+            if file is not None and file.is_at(path):
+                changed |= file.refresh(path)
+                del known[_stem(path)]
+            else:
+                file = _open(path)
+                changed = True
+            files.append(file)
+        for gone in known.values():
+            gone.close()
+        self.files = files
+        return changed or bool(known)
+
+    def close(self) -> None:
+        """Close the files. May be called twice."""
+        for file in self.files:
+            file.close()
+
+    def _present(self) -> list[Path]:
+        finished = _stem(self._path)
+        if finished != self._path and not self._path.exists() and finished.exists():
+            return [finished]  # the one file that was opened has been finished since
+        return folder.segments(self._path)
+
+
+def _open(path: Path) -> File:
+    try:
+        return File(path)
+    except MissingRecordingError:
+        if _stem(path) == path:
+            raise
+        return File(_stem(path))  # it was finished between listing and opening
+
+
+def _stem(path: Path) -> Path:
+    """Return the name that a segment has, or will have, when it is finished."""
+    return path.with_name(path.name.removesuffix(ACTIVE_SUFFIX))

@@ -1,0 +1,138 @@
+"""Chunks are uncompressed within limits, checked, and cut into messages through their index."""
+
+import struct
+import zlib
+
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+
+from ml_dash_mcap.errors import DamagedFileError
+from ml_dash_mcap.read import chunk as chunks
+from ml_dash_mcap.read.limits import DEFAULT, Limits
+from ml_dash_mcap.read.records import LOOSE, Chunk, MessageIndex
+
+
+def message(channel_id: int, time_ns: int, payload: bytes) -> bytes:
+    return struct.pack("<BQHIQQ", 5, 22 + len(payload), channel_id, 9, time_ns, time_ns) + payload
+
+
+RAW = message(1, 10, b"{}") + message(2, 20, b"[1]") + message(1, 30, b'{"a":1}')
+
+
+def record(
+    packed: bytes, compression: str, *, size: int | None = None, crc: int | None = None, length: int | None = None
+) -> bytes:
+    name = compression.encode()
+    content = struct.pack("<QQQI", 10, 30, len(RAW) if size is None else size, zlib.crc32(RAW) if crc is None else crc)
+    content += (
+        struct.pack("<I", len(name)) + name + struct.pack("<Q", len(packed) if length is None else length) + packed
+    )
+    return struct.pack("<BQ", 6, len(content)) + content
+
+
+def entry(compression: str = "") -> Chunk:
+    return Chunk(0, 0, 10, 30, compression, 0, len(RAW))
+
+
+def unpack(data: bytes, limits: Limits = DEFAULT) -> bytes:
+    return chunks.unpack(data, entry(), "file.mcap", limits)
+
+
+@pytest.mark.parametrize(
+    ("compression", "packed"),
+    [("", RAW), ("zstd", zstandard.compress(RAW)), ("lz4", lz4.frame.compress(RAW))],
+)
+def test_every_compression_of_the_specification_is_unpacked(compression, packed):
+    assert unpack(record(packed, compression)) == RAW
+
+
+def test_zstd_without_a_content_size_is_unpacked():
+    packed = zstandard.ZstdCompressor(write_content_size=False).compress(RAW)
+    assert unpack(record(packed, "zstd")) == RAW
+
+
+def test_a_checksum_of_0_means_that_there_is_none():
+    assert unpack(record(RAW, "", crc=0)) == RAW
+
+
+def test_messages_outside_chunks_are_taken_as_they_are():
+    assert chunks.unpack(RAW, entry(LOOSE), "file.mcap", DEFAULT) == RAW
+
+
+@pytest.mark.parametrize(
+    ("data", "what"),
+    [
+        (record(RAW, "", crc=1), "checksum"),
+        (record(RAW, "", size=5), "announces 5 bytes"),
+        (record(RAW, "brotli"), "unknown compression 'brotli'"),
+        (record(b"nonsense", "zstd"), "cannot be uncompressed"),
+        (record(b"nonsense", "lz4"), "cannot be uncompressed"),
+        (record(RAW, "", length=3), "different lengths"),
+        (record(RAW, "")[:-1], "none does"),
+        (b"", "none does"),
+    ],
+)
+def test_a_chunk_that_contradicts_itself_is_refused(data, what):
+    with pytest.raises(DamagedFileError, match=what):
+        unpack(data)
+
+
+@pytest.mark.parametrize(
+    ("compression", "packed"),
+    [
+        ("zstd", zstandard.compress(bytes(100_000_000))),
+        ("zstd", zstandard.ZstdCompressor(write_content_size=False).compress(bytes(100_000_000))),
+        ("lz4", lz4.frame.compress(bytes(100_000_000))),
+    ],
+)
+def test_a_bomb_that_hides_its_size_is_refused_without_unpacking_it(compression, packed):
+    with pytest.raises(DamagedFileError):
+        unpack(record(packed, compression))
+
+
+def test_a_bomb_that_admits_its_size_is_refused_by_the_ratio():
+    packed = zstandard.compress(bytes(500_000_000))
+    with pytest.raises(DamagedFileError, match="the limit is 2000 times"):
+        unpack(record(packed, "zstd", size=500_000_000))
+
+
+def test_a_chunk_beyond_the_limit_is_refused():
+    with pytest.raises(DamagedFileError, match="the limit is 10"):
+        unpack(record(RAW, ""), Limits(chunk_bytes=10))
+
+
+def test_scanning_finds_the_messages_of_every_channel():
+    found = chunks.scan(RAW, entry(), "file.mcap")
+    assert {channel: index.times_ns.tolist() for channel, index in found.indexes.items()} == {1: [10, 30], 2: [20]}
+    assert found.counts == {1: 2, 2: 1}
+
+
+def test_gathering_cuts_out_what_the_index_points_to():
+    index = chunks.scan(RAW, entry(), "file.mcap").indexes[1]
+    found = chunks.gather(RAW, index, entry(), "file.mcap")
+    assert found.payloads == [b"{}", b'{"a":1}']
+    assert found.times_ns.tolist() == found.published_ns.tolist() == [10, 30]
+    assert found.sequences.tolist() == [9, 9]
+
+
+@pytest.mark.parametrize(
+    ("channel", "time", "offset"), [(2, 10, 0), (1, 11, 0), (1, 10, 1), (1, 10, 10_000), (1, 10, 2**63)]
+)
+def test_an_index_that_points_elsewhere_is_refused(channel, time, offset):
+    index = MessageIndex(channel, np.array([time], np.uint64), np.array([offset], np.uint64))
+    with pytest.raises(DamagedFileError, match="message index"):
+        chunks.gather(RAW, index, entry(), "file.mcap")
+
+
+def test_a_message_whose_length_leaves_the_chunk_is_refused():
+    data = struct.pack("<BQHIQQ", 5, 2**63, 1, 0, 10, 10)
+    index = MessageIndex(1, np.array([10], np.uint64), np.array([0], np.uint64))
+    with pytest.raises(DamagedFileError, match="message index"):
+        chunks.gather(data, index, entry(), "file.mcap")
+
+
+def test_both_ends_of_a_time_range_are_included():
+    index = MessageIndex(1, np.array([10, 20, 30], np.uint64), np.array([0, 1, 2], np.uint64))
+    assert chunks.within(index, 10, 20).times_ns.tolist() == [10, 20]
