@@ -96,7 +96,7 @@ class Topic:
         except Exception:
             payload = exact(fields, self.name)
         else:
-            if payload.find(self._probe) >= 0:
+            if self._probe in payload:
                 payload = self._recheck(payload, fields)
         whole = int(_ts)
         time_ns = whole * 1_000_000_000 + int((_ts - whole) * 1e9 + 0.5)
@@ -188,7 +188,7 @@ class Topic:
         except Exception:
             payload = exact(fields, self.name)
         else:
-            if payload.find(self._probe) >= 0:
+            if self._probe in payload:
                 payload = self._recheck(payload, fields)
         time_ns = clock.to_nanoseconds(time_s)
         return _pack_tail(len(payload) + 22, self._head, time_ns, time_ns) + payload

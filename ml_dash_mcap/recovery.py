@@ -24,6 +24,7 @@ from .write.blocks import BlockWriter
 from .write.channels import KIND_KEY, TRACK, ChannelInfo
 from .write.journal import JOURNAL_METADATA, SESSION_GLOB
 from .write.lock import SessionLock
+from .write.rows import Block
 from .write.segment import ACTIVE_SUFFIX, Contents, Segment
 
 _log = logging.getLogger("ml_dash_mcap")
@@ -47,7 +48,12 @@ class _Leftover:
     data: bytes
     chunk: int
     """Its number among the session's blocks with rows."""
+    begin: int
+    """Where in it the first record after the prologue starts."""
+    end: int
+    """Where its last record ends."""
     starts: list[int]
+    gaps: list[tuple[int, int]]
     extras: list[tuple[int, int]]
     channels: dict[int, ChannelInfo]
 
@@ -124,6 +130,7 @@ def _read_journal(path: Path, session: str) -> _Leftover | None:
     if not data.startswith(read.MAGIC):
         return None
     starts: list[int] = []
+    gaps: list[tuple[int, int]] = []
     extras: list[tuple[int, int]] = []
     schemas: dict[int, read.Schema] = {}
     channels: dict[int, ChannelInfo] = {}
@@ -135,6 +142,8 @@ def _read_journal(path: Path, session: str) -> _Leftover | None:
         if opcode == 0 or end > len(data):
             break
         fields = read.Fields(data, str(path), 0, at + read.PREFIX_BYTES, end)
+        if opcode != read.Opcode.MESSAGE:
+            gaps.append((at, end))
         if opcode == read.Opcode.MESSAGE:
             starts.append(at)
         elif opcode == read.Opcode.SCHEMA:
@@ -152,7 +161,7 @@ def _read_journal(path: Path, session: str) -> _Leftover | None:
         at = end
     if number is None or not (starts or extras):
         return None
-    return _Leftover(path, data, number, starts, extras, channels)
+    return _Leftover(path, data, number, len(read.MAGIC), at, starts, gaps, extras, channels)
 
 
 def _channel_info(channel: read.Channel, schemas: dict[int, read.Schema]) -> ChannelInfo:
@@ -172,8 +181,9 @@ def _fold_in(
         channels.update(leftover.channels)
     by_number = {number: sequences.get(info.topic, 0) for number, info in channels.items()}
     blocks = BlockWriter(folder, RecorderOptions(), about, channels, written, by_number)
-    for leftover in pending:
-        blocks.write(np.frombuffer(bytearray(leftover.data), np.uint8), leftover.starts, leftover.extras)
+    for one in pending:
+        data = np.frombuffer(bytearray(one.data), np.uint8)
+        blocks.commit(blocks.prepare([Block(data, one.begin, one.end, one.starts, one.gaps, one.extras)]))
     blocks.finish({})
     return blocks.finished
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import datetime
 import json
+import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 
@@ -20,19 +22,32 @@ from .. import clock
 from ..options import RecorderOptions
 from ..rows import schema as schemas
 from ..rows.encode import TIME_KEY
-from ..rows.skeleton import Block, Form, Skeletons
-from . import chunk as chunks
+from ..rows.skeleton import Bones, Form, Skeletons
 from . import records
 from .channels import TRACK, ChannelInfo
+from .chunk import Compressor, build, compressor
 from .merging import merge_same_time
-from .rows import Bytes, Rows, of_buffer, replaced
+from .rows import Block, Rows, pack, replaced
 from .segment import ACTIVE_SUFFIX, Segment
 
 PARAMETERS = "ml_dash.parameters"
 DROPS = "ml_dash.drops"
 
+_log = logging.getLogger("ml_dash_mcap")
+
 _SPARE_BYTES = 512
 """A schema has at least this much room to grow in place, and at least as much as it is long."""
+
+
+@dataclass(slots=True)
+class Prepared:
+    """Blocks that are ready to be compressed and written."""
+
+    extras: list[bytes]
+    """Their metadata records; each is removed when it is in the file."""
+    rows: Rows | None
+    splits: bool
+    """Whether a new segment begins with them."""
 
 
 class BlockWriter:
@@ -70,7 +85,7 @@ class BlockWriter:
         self._options = options
         self._about = dict(about)
         self._channels = channels
-        self._compress = chunks.compressor(options)
+        self.compress: Compressor = compressor(options)
         self._skeletons: dict[int, Skeletons] = {}
         self._sequences: dict[int, int] = dict(sequences or {})
         self._parameters: dict[str, str] = {}
@@ -82,60 +97,65 @@ class BlockWriter:
 
     # -- one block --------------------------------------------------------------------------------------------------
 
-    def write(self, data: Bytes, starts: list[int], extras: list[tuple[int, int]]) -> None:
-        """Write the rows and metadata records of a sealed buffer.
+    def prepare(self, blocks: Sequence[Block]) -> Prepared:
+        """Infer, merge and number what sealed buffers hold; nothing is written yet.
 
-        Args:
-            data: The buffer's bytes; the sequence numbers in it are changed.
-            starts: Where its Message records start.
-            extras: Start and end of its Metadata records.
+        Their sequence numbers are changed. Blocks are prepared and committed in order, one call at a time.
+        """
+        extras = [block.data[start:end].tobytes() for block in blocks for start, end in block.extras]
+        with_rows = [block for block in blocks if block.starts]
+        if not with_rows:
+            return Prepared(extras, None, False)
+        rows, splits = self._follow_clock(pack(with_rows))
+        rows = merge_same_time(rows, self._mergeable(), self._classify(rows))
+        rows.number(self._next_sequence(rows))
+        return Prepared(extras, rows, splits)
+
+    def commit(self, prepared: Prepared) -> None:
+        """Compress and write prepared blocks.
 
         Raises:
-            OSError: It could not be written; nothing of it is in the file.
+            OSError: They could not be written; none of their rows is in the file. It may be tried again.
         """
-        rows = self._prepare(of_buffer(data, starts)) if starts else None
-        if self._is_time_to_split(rows):
+        if prepared.splits or (prepared.rows is not None and self._is_time_to_split()):
             self.finish_segment()
-        for start, end in extras:
-            self._write_metadata(data[start:end].tobytes())
-        if rows is not None:
-            self._write_rows(rows)
+            prepared.splits = False
+        while prepared.extras:
+            self._write_metadata(prepared.extras[0])
+            del prepared.extras[0]
+        if prepared.rows is not None:
+            self._write_rows(prepared.rows)
 
-    def _prepare(self, rows: Rows) -> Rows:
-        rows = self._follow_clock(rows.packed())
-        forms = self._classify(rows)
-        mergeable = np.zeros(max(self._channels) + 1, np.bool_)
-        for number, info in list(self._channels.items()):
+    def _mergeable(self) -> npt.NDArray[np.bool_]:
+        """Return, by channel id, whether rows of the same time merge."""
+        channels = list(self._channels.items())
+        mergeable = np.zeros(max(number for number, _ in channels) + 1, np.bool_)
+        for number, info in channels:
             mergeable[number] = info.kind == TRACK
+        return mergeable
 
-        def form_of(row: int) -> Form:
-            return self._skeletons[int(rows.channels[row])].forms[int(forms[row])]
-
-        return merge_same_time(rows, mergeable, form_of).packed()
-
-    def _classify(self, rows: Rows) -> npt.NDArray[np.int32]:
-        """Find the form of each row and widen the schemas of topics whose rows have a new one."""
-        block = Block(rows.data, rows.starts + records.MESSAGE_HEAD, rows.ends)
+    def _classify(self, rows: Rows) -> Callable[[int], Form]:
+        """Widen the schemas of topics that have rows of a new form; returns what gives each row's form."""
+        bones = Bones(rows.data, rows.starts + records.MESSAGE_HEAD, rows.ends)
         forms = np.full(len(rows), -1, np.int32)
         for number in np.unique(rows.channels).tolist():
-            info = self._channels[number]
-            if info.schema is not None and info.kind != TRACK:
+            if self._channels[number].kind != TRACK:
                 continue
             mine = np.flatnonzero(rows.channels == number)
             skeletons = self._skeletons.setdefault(number, Skeletons())
-            forms[mine], _ = skeletons.classify(block, mine)
-        return forms
+            forms[mine] = skeletons.classify(bones, mine)
+        return lambda row: self._skeletons[int(rows.channels[row])].forms[int(forms[row])]
 
     def _write_rows(self, rows: Rows) -> None:
+        chunks = build(rows, self.compress)
         segment = self._ensure_channels(rows)
-        sequence = self._next_sequence(rows)
-        chunk = chunks.build(rows.number(sequence), self._options, self._compress)
         before = segment.size
-        segment.add_chunk(chunk)
+        segment.add_chunks(chunks)
         self.bytes_written += segment.size - before
-        self.first_chunk += 1
-        for number, count in chunk.counts.items():
-            self._sequences[number] = self._sequences.get(number, 0) + count
+        self.first_chunk += len(chunks)
+        for chunk in chunks:
+            for number, count in chunk.counts.items():
+                self._sequences[number] = self._sequences.get(number, 0) + count
 
     def _next_sequence(self, rows: Rows) -> npt.NDArray[np.uint32]:
         """Number each topic's rows on from its last one."""
@@ -180,33 +200,41 @@ class BlockWriter:
 
     # -- the tracks' clock ------------------------------------------------------------------------------------------
 
-    def _follow_clock(self, rows: Rows) -> Rows:
+    def _follow_clock(self, rows: Rows) -> tuple[Rows, bool]:
         """Keep logs and metrics, made at wall-clock times, on the clock of the tracks.
 
         A viewer refuses a file whose times span from near 0 to today. So where the tracks turn out to run on a clock
         that starts near 0, what was logged before their first row takes its time, or stays behind in a segment of
         its own.
+
+        Returns:
+            The rows, and whether a new segment is to begin with them.
         """
-        track_numbers = [number for number, info in list(self._channels.items()) if info.kind == TRACK]
-        is_track = np.isin(rows.channels, track_numbers)
+        tracks = [number for number, info in list(self._channels.items()) if info.kind == TRACK]
+        is_track = np.isin(rows.channels, tracks)
         if not is_track.any():
-            return rows
+            return rows, False
         epoch_like = rows.times >= int(clock.EPOCH_LIKE_S * clock.NS_PER_S)
-        seen = {"epoch" if epoch else "relative" for epoch in np.unique(epoch_like[is_track])}
-        before, self.clock = self.clock, seen.pop() if len(seen) == 1 else "mixed"
-        if before == "unknown" and self.clock == "relative":
-            if self._segment is not None and self._segment.contents.chunks:
-                self.finish_segment()
-            return _retime(rows, np.flatnonzero(~is_track & epoch_like), int(rows.times[is_track][0]))
-        if before not in ("unknown", self.clock):
+        seen = {"epoch" if epoch else "relative" for epoch in np.unique(epoch_like[is_track]).tolist()}
+        before, now = self.clock, seen.pop() if len(seen) == 1 else "mixed"
+        if before == "unknown":
+            self.clock = now
+            if now != "relative":
+                return rows, False
+            splits = self._segment is not None and bool(self._segment.contents.chunks)
+            return _retime(rows, np.flatnonzero(~is_track & epoch_like), int(rows.times[is_track][0])), splits
+        if before != now and before != "mixed":
             self.clock = "mixed"
-        return rows
+            _log.warning(
+                "the tracks in %s mix wall-clock times and times near 0; viewers refuse a file that spans both", self.folder
+            )
+        return rows, False
 
     # -- segments ---------------------------------------------------------------------------------------------------
 
-    def _is_time_to_split(self, rows: Rows | None) -> bool:
+    def _is_time_to_split(self) -> bool:
         segment = self._segment
-        if segment is None or rows is None or not segment.contents.chunks:
+        if segment is None or not segment.contents.chunks:
             return False
         too_long = time.monotonic() - self._segment_opened >= self._options.segment_duration_s
         return too_long or segment.size >= self._options.segment_bytes
@@ -228,7 +256,7 @@ class BlockWriter:
             "start": datetime.datetime.now(datetime.timezone.utc).isoformat(),
             "clock": self.clock,
             "first_chunk": str(self.first_chunk),
-            "parameters": json.dumps({name: orjson.loads(text) for name, text in self._parameters.items()}),
+            "parameters": json.dumps({name: json.loads(text) for name, text in self._parameters.items()}),
         }
 
     def set_aside(self) -> None:

@@ -26,6 +26,7 @@ from ..errors import BacklogFullError, FieldError, StateError, StorageError, Top
 from ..options import RecorderOptions
 from . import records
 from .lock import SessionLock
+from .rows import Block
 
 SESSION_FILE = ".ml_dash-{session}.json"
 SESSION_GLOB = ".ml_dash-*.json"
@@ -33,12 +34,14 @@ JOURNAL_METADATA = "ml_dash.journal"
 
 _SHARED_MEMORY = Path("/dev/shm")
 _WAIT_S = 0.05
+_FAR_AHEAD = 2
+"""Sealed buffers that wait for the writer when an appending thread begins to make room for it."""
 
 
 class Buffer:
     """One journal buffer. Appending threads fill it under the journal's lock; sealed, it is the writer's alone."""
 
-    __slots__ = ("end", "extras", "is_large", "limit", "map", "path", "prologue", "size", "starts")
+    __slots__ = ("end", "extras", "gaps", "is_large", "limit", "map", "path", "prologue", "size", "starts")
 
     def __init__(self, path: Path | None, size: int, is_large: bool = False) -> None:
         self.path = path
@@ -55,6 +58,8 @@ class Buffer:
         """Where each Message record starts."""
         self.extras: list[tuple[int, int]] = []
         """Start and end of each Metadata record, in order."""
+        self.gaps: list[tuple[int, int]] = []
+        """Start and end of every record that is not a Message."""
         self.map = mmap.mmap(-1, mmap.PAGESIZE) if path is None else _reserve(path, size)
 
     def begin(self, prologue: bytes) -> None:
@@ -66,9 +71,22 @@ class Buffer:
     def put(self, record: bytes) -> None:
         """Write one record (or several) that was checked to fit."""
         start, end = self.end, self.end + len(record)
+        self.end = end  # first: a signal handler may append before this is through
         self.map[start + 1 : end] = record[1:]
         self.map[start] = record[0]
-        self.end = end
+
+    def put_row(self, record: bytes) -> None:
+        """Write a Message record."""
+        start = self.end
+        self.put(record)
+        self.starts.append(start)
+
+    def put_gap(self, record: bytes) -> tuple[int, int]:
+        """Write a record that is not a Message; returns its start and end."""
+        gap = (self.end, self.end + len(record))
+        self.put(record)
+        self.gaps.append(gap)
+        return gap
 
     def clear(self) -> None:
         """Make it as good as new: invalid first, then all zeros."""
@@ -77,6 +95,12 @@ class Buffer:
         self.end = self.prologue = 0
         self.starts = []
         self.extras = []
+        self.gaps = []
+
+    def block(self) -> Block:
+        """Return what it holds; its memory must not be given back before that is forgotten."""
+        data = np.frombuffer(self.map, np.uint8)
+        return Block(data, self.prologue, self.end, self.starts, self.gaps, self.extras)
 
     def discard(self) -> None:
         """Delete its file and give its memory back."""
@@ -133,11 +157,14 @@ class Journal:
         """What keeps the writer from writing at the moment, if anything; appends that cannot wait for it raise it."""
         self.eager: Callable[[], object] | None = None
         """Called after each `append`, where the options ask for writing sooner than a buffer is full."""
+        self.turn = threading.Event()
+        """Set while the writer does what needs no interpreter. An appending thread that is far ahead of it waits for
+        that once a buffer, so that both get on: the writer would have to wait 5 ms for every turn otherwise."""
         self._registry = b""
         self._chunks = 0
         self._sealed_rows = 0
         self._large_bytes = 0
-        self._sealed: queue.SimpleQueue[Buffer | None] = queue.SimpleQueue()
+        self._sealed: queue.SimpleQueue[Buffer | int] = queue.SimpleQueue()
         self._free: queue.SimpleQueue[Buffer] = queue.SimpleQueue()
         self._closed: str | None = None
         self._folder = folder
@@ -199,8 +226,9 @@ class Journal:
         }
         self._session_lock.write(json.dumps(said).encode())
 
-    def _prologue(self) -> bytes:
-        whose = records.metadata(JOURNAL_METADATA, {"session": self.session, "chunk": str(self._chunks)})
+    def _prologue(self, after: Buffer | None = None) -> bytes:
+        chunk = self._chunks + (after is not None and bool(after.starts))
+        whose = records.metadata(JOURNAL_METADATA, {"session": self.session, "chunk": str(chunk)})
         return records.header("ml_dash_mcap journal") + whose + self._registry
 
     # -- appending threads ------------------------------------------------------------------------------------------
@@ -221,7 +249,7 @@ class Journal:
             if self.active.end + len(records_bytes) > self.active.limit and not self._rotate():
                 return False
             self._registry += records_bytes
-            self.active.put(records_bytes)
+            self.active.put_gap(records_bytes)
             return True
 
         self._until(put, "the journal", count=None)
@@ -251,13 +279,19 @@ class Journal:
                 if not self._rotate():
                     return False
                 active = self.active
-            active.starts.append(active.end)
-            active.put(record)
+            active.put_row(record)
             if last_s is not None:
                 self.last_s = last_s
             return True
 
-        return self._until(put, topic)
+        taken = self._until(put, topic)
+        self._give_way()
+        return taken
+
+    def _give_way(self) -> None:
+        """Let a writer that is behind have the interpreter for a moment."""
+        if self._sealed.qsize() >= _FAR_AHEAD and self.options.on_full == "block":
+            self.turn.wait(_WAIT_S)
 
     def add_many(self, block: bytes, starts: npt.NDArray[np.int64], topic: str, last_s: float) -> int:
         """Put many Message records that lie one after the other.
@@ -284,8 +318,9 @@ class Journal:
             fitting = int(np.searchsorted(ends, active.limit - active.end + offset, side="right"))
             if fitting <= done:
                 return self._rotate() and put()
-            active.starts.extend((starts[done:fitting] + (active.end - offset)).tolist())
+            at = active.end
             active.put(block[offset : int(ends[fitting - 1])])
+            active.starts.extend((starts[done:fitting] + (at - offset)).tolist())
             self.last_s = last_s
             done = fitting
             return True
@@ -298,6 +333,7 @@ class Journal:
                 dropped += not taken
             elif not self._until(put, topic, count=len(starts) - done):
                 return done - dropped
+            self._give_way()
         return done - dropped
 
     def _fits_no_buffer(self, record: bytes) -> bool:
@@ -319,8 +355,7 @@ class Journal:
                 return False
             own = self._make_large(size, topic)
             own.begin(self._prologue())
-            own.starts.append(own.end)
-            own.put(record)
+            own.put_row(record)
             self._large_bytes += size
             self._hand_over(own)
             self.active.clear()  # the number of its chunk has changed
@@ -349,8 +384,7 @@ class Journal:
                 if not self._rotate():
                     return False
                 active = self.active
-            active.extras.append((active.end, active.end + len(record)))
-            active.put(record)
+            active.extras.append(active.put_gap(record))
             return True
 
         if len(self._registry) + len(record) + 512 > self.options.chunk_bytes:
@@ -407,9 +441,10 @@ class Journal:
             fresh = self._free.get_nowait()
         except queue.Empty:
             return False
-        self._hand_over(self.active)
-        fresh.begin(self._prologue())
-        self.active = fresh
+        full = self.active
+        fresh.begin(self._prologue(after=full))
+        self.active = fresh  # before the full one is handed over: a signal handler may append in between
+        self._hand_over(full)
         return True
 
     def _hand_over(self, buffer: Buffer) -> None:
@@ -428,16 +463,23 @@ class Journal:
 
     # -- the writer thread ------------------------------------------------------------------------------------------
 
-    def take(self, timeout_s: float) -> Buffer | None:
-        """Return the next sealed buffer, or None after a while without one or after `wake`."""
-        try:
-            return self._sealed.get(timeout=max(timeout_s, 0.0))
-        except queue.Empty:
-            return None
+    def take(self, timeout_s: float, at_most: int) -> tuple[list[Buffer], int | None]:
+        """Return the next sealed buffers, none after a while without one, and the mark that was put behind them."""
+        taken: list[Buffer] = []
+        with contextlib.suppress(queue.Empty):
+            found = self._sealed.get(timeout=max(timeout_s, 0.0))
+            while True:
+                if isinstance(found, int):
+                    return taken, found
+                taken.append(found)
+                if len(taken) == at_most:
+                    break
+                found = self._sealed.get_nowait()
+        return taken, None
 
-    def wake(self) -> None:
-        """Make a waiting `take` return."""
-        self._sealed.put(None)
+    def mark(self, number: int) -> None:
+        """Put a mark behind all that is sealed; `take` returns it when it comes to it."""
+        self._sealed.put(number)
 
     def recycle(self, buffer: Buffer) -> None:
         """Take back a buffer whose rows are in the file."""

@@ -53,7 +53,7 @@ class SessionLock:
         else:
             import msvcrt
 
-            msvcrt.locking(self._descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+            msvcrt.locking(self._descriptor, msvcrt.LK_NBLCK, 1)
 
     def write(self, content: bytes) -> None:
         """Replace what the session file says."""

@@ -1,4 +1,7 @@
-"""Rows of one topic and one time stamp within a block become one."""
+"""Rows of one topic and one time stamp within a block become one.
+
+Rows of different blocks are left to the reader: each block is one chunk, by whose number a recovery knows it.
+"""
 
 from __future__ import annotations
 
@@ -40,12 +43,13 @@ def merge_same_time(rows: Rows, mergeable: npt.NDArray[np.bool_], form_of: Calla
 
 
 def _groups(rows: Rows, mergeable: npt.NDArray[np.bool_]) -> Iterator[list[int]]:
-    """Yield the rows that share topic and nanosecond, two or more, in the order in which they were appended."""
-    order = np.lexsort((rows.times, rows.channels))
-    same = (np.diff(rows.channels[order]) == 0) & (np.diff(rows.times[order]) == 0)
+    """Yield the rows that share block, topic and nanosecond, two or more, in the order in which they were appended."""
+    order = np.lexsort((rows.times, rows.channels, rows.blocks))
+    channels = rows.channels[order]
+    same = (np.diff(rows.times[order]) == 0) & (channels[1:] == channels[:-1])
     if not same.any():
         return
-    same &= mergeable[rows.channels[order][1:]]
+    same &= mergeable[channels[1:]] & (np.diff(rows.blocks[order]) == 0)
     edges = np.diff(np.concatenate(([False], same, [False])).astype(np.int8))
     for first, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
         yield sorted(order[first : last + 1].tolist())

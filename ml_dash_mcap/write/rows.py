@@ -1,8 +1,9 @@
-"""The rows of a sealed buffer, as arrays over its bytes."""
+"""The rows of sealed buffers, as arrays over their bytes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -12,17 +13,40 @@ from . import records
 Bytes = npt.NDArray[np.uint8]
 Numbers = npt.NDArray[np.int64]
 
+_SEQUENCE_AT = 11
+"""Where in a Message record its sequence number stands."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """What a sealed buffer holds."""
+
+    data: Bytes
+    """Its bytes, writable."""
+    begin: int
+    """Where in them the first record after the prologue starts."""
+    end: int
+    """Where the last record ends."""
+    starts: Sequence[int]
+    """Where each Message record starts."""
+    gaps: Sequence[tuple[int, int]] = ()
+    """Start and end of whatever else lies between them."""
+    extras: Sequence[tuple[int, int]] = ()
+    """Those of the gaps that are Metadata records."""
+
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Message records somewhere in a block of bytes, in the order in which they were appended."""
+    """Message records that lie one after the other, block by block, in the order in which they were appended."""
 
     data: Bytes
-    """The block; writable."""
+    """The records and nothing else; writable."""
     starts: Numbers
     """Offset of each record, [N]."""
     ends: Numbers
     """Offset after each record, [N]."""
+    blocks: Numbers
+    """Which block each row is from, [N], ascending from 0."""
     channels: Numbers
     """Channel id of each row, [N]."""
     times: Numbers
@@ -35,36 +59,39 @@ class Rows:
         """Return one encoded row."""
         return self.data[self.starts[row] + records.MESSAGE_HEAD : self.ends[row]].tobytes()
 
-    def number(self, sequence: npt.NDArray[np.uint32]) -> Rows:
-        """Write a sequence number into each record, in place; returns self."""
-        at = (self.starts + 11)[:, None] + np.arange(4)
+    def number(self, sequence: npt.NDArray[np.uint32]) -> None:
+        """Write a sequence number into each record, in place."""
+        at = (self.starts + _SEQUENCE_AT)[:, None] + np.arange(4)
         self.data[at] = sequence.astype("<u4").view(np.uint8).reshape(-1, 4)
-        return self
-
-    def packed(self) -> Rows:
-        """Return the same rows with nothing between them, copying only where there is something."""
-        gaps = np.flatnonzero(self.starts[1:] != self.ends[:-1]) + 1
-        if not len(gaps):
-            return self
-        firsts = self.starts[np.concatenate(([0], gaps))]
-        lasts = self.ends[np.concatenate((gaps - 1, [len(self) - 1]))]
-        lengths = self.ends - self.starts
-        ends = np.cumsum(lengths)
-        data = np.concatenate([self.data[a:b] for a, b in zip(firsts, lasts, strict=True)])
-        return replace(self, data=data, starts=ends - lengths, ends=ends)
-
-    def contiguous(self) -> Bytes:
-        """Return the bytes of packed rows."""
-        return self.data[self.starts[0] : self.ends[-1]]
 
 
-def of_buffer(data: Bytes, starts: list[int]) -> Rows:
-    """Read the heads of the Message records that start at some offsets of a block."""
-    at: Numbers = np.array(starts, dtype=np.int64)
-    at.sort()
-    heads = data[at[:, None] + np.arange(records.MESSAGE_HEAD)].view(records.MESSAGE_HEAD_DTYPE).ravel()
-    ends = at + heads["length"].astype(np.int64) + 9
-    return Rows(data, at, ends, heads["channel"].astype(np.int64), heads["log_time"].astype(np.int64))
+def pack(blocks: Sequence[Block]) -> Rows:
+    """Return the rows of blocks, copying only where something lies between them."""
+    runs: list[Bytes] = []
+    starts: list[Numbers] = []
+    offset = 0
+    for block in blocks:
+        at = np.array(block.starts, np.int64)
+        moved = at + (offset - block.begin)
+        run_begin = block.begin
+        for gap_begin, gap_end in block.gaps:
+            moved[at >= gap_end] -= gap_end - gap_begin
+            runs.append(block.data[run_begin:gap_begin])
+            run_begin = gap_end
+        runs.append(block.data[run_begin : block.end])
+        starts.append(moved)
+        offset += block.end - block.begin - sum(end - begin for begin, end in block.gaps)
+    data = runs[0] if len(runs) == 1 else np.concatenate(runs)
+    first = starts[0] if len(starts) == 1 else np.concatenate(starts)
+    heads = data[first[:, None] + np.arange(records.MESSAGE_HEAD)].view(records.MESSAGE_HEAD_DTYPE).ravel()
+    return Rows(
+        data,
+        first,
+        first + heads["length"].astype(np.int64) + 9,
+        np.repeat(np.arange(len(blocks)), [len(block.starts) for block in blocks]),
+        heads["channel"].astype(np.int64),
+        heads["log_time"].astype(np.int64),
+    )
 
 
 def replaced(rows: Rows, keep: npt.NDArray[np.bool_], payloads: dict[int, tuple[int, bytes]]) -> Rows:
@@ -76,20 +103,25 @@ def replaced(rows: Rows, keep: npt.NDArray[np.bool_], payloads: dict[int, tuple[
         payloads: By row number, the new log time (ns) and payload.
     """
     pieces: list[Bytes] = []
-    for row in np.flatnonzero(keep).tolist():
+    for row, start, end, channel in zip(
+        np.flatnonzero(keep).tolist(),
+        rows.starts[keep].tolist(),
+        rows.ends[keep].tolist(),
+        rows.channels[keep].tolist(),
+        strict=True,
+    ):
         changed = payloads.get(row)
-        if changed is None:
-            pieces.append(rows.data[rows.starts[row] : rows.ends[row]])
-        else:
-            time, payload = changed
-            pieces.append(np.frombuffer(message(int(rows.channels[row]), time, payload), np.uint8))
+        pieces.append(
+            rows.data[start:end] if changed is None else np.frombuffer(message(channel, *changed), np.uint8)
+        )
     times = rows.times.copy()
     for row, (time, _) in payloads.items():
         times[row] = time
-    lengths = np.array([len(piece) for piece in pieces], dtype=np.int64)
+    lengths = np.fromiter(map(len, pieces), np.int64, len(pieces))
     ends = np.cumsum(lengths)
-    data = np.concatenate(pieces) if pieces else np.empty(0, np.uint8)
-    return Rows(data, ends - lengths, ends, rows.channels[keep], times[keep])
+    return Rows(
+        np.concatenate(pieces), ends - lengths, ends, rows.blocks[keep], rows.channels[keep], times[keep]
+    )
 
 
 def message(channel: int, time_ns: int, payload: bytes) -> bytes:

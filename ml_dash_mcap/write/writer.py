@@ -6,20 +6,42 @@ import errno
 import logging
 import threading
 import time
-
-import numpy as np
+from collections.abc import Callable, Sequence
 
 from ..errors import StorageError
 from .blocks import BlockWriter
+from .chunk import Compressed, Compressor
 from .journal import Buffer, Journal
 
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.05, 1.0
 _CLOSE_PATIENCE_S = 5.0
 """How long `close` goes on trying to write to a disk that refuses, in seconds."""
 
+_THE_END = -1
+
+_BATCH = 1
+"""Sealed buffers that are written together when they have piled up. Each call that lets the control loop run costs the
+writer up to 5 ms until it may go on, so it makes a fixed number of them a batch."""
+
 _DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT}
 
 _log = logging.getLogger("ml_dash_mcap")
+
+
+class _Alongside:
+    """A compressor that says when it is at work, which needs no interpreter."""
+
+    def __init__(self, compress: Compressor, turn: threading.Event) -> None:
+        self.name = compress.name
+        self._compress = compress
+        self._turn = turn
+
+    def __call__(self, blocks: list[memoryview]) -> Sequence[Compressed]:
+        self._turn.set()
+        try:
+            return self._compress(blocks)
+        finally:
+            self._turn.clear()
 
 
 class Writer:
@@ -36,12 +58,13 @@ class Writer:
         self._journal = journal
         self._blocks = blocks
         self._progress = threading.Condition()
-        """Guards `_done`, `_synced` and waits for them."""
+        """Guards `_requested` and `_done`, the numbers of the flushes asked for and done."""
         self._requested = 0
         self._done = 0
         self._stopping = threading.Event()
         self._give_up_at = float("inf")
         self._last_sync = self._last_seal = time.monotonic()
+        blocks.compress = _Alongside(blocks.compress, journal.turn)
         self._thread = threading.Thread(target=self._run, name="ml_dash_mcap writer", daemon=True)
         self._thread.start()
 
@@ -59,7 +82,7 @@ class Writer:
         with self._progress:
             self._requested += 1
             ticket = self._requested
-            self._journal.wake()
+            self._journal.mark(ticket)
             while self._done < ticket:
                 self._progress.wait(0.1)
                 if self._done < ticket:
@@ -83,7 +106,7 @@ class Writer:
         """
         self._give_up_at = time.monotonic() + _CLOSE_PATIENCE_S
         self._stopping.set()
-        self._journal.wake()
+        self._journal.mark(_THE_END)
         self._thread.join()
         self._raise_failure()
 
@@ -102,17 +125,16 @@ class Writer:
                 self._progress.notify_all()
 
     def _step(self) -> bool:
-        """Handle one sealed buffer, or one tick of the clock; returns whether to go on."""
-        requested = self._requested
-        buffer = self._journal.take(self._tick_at() - time.monotonic())
-        if buffer is not None:
-            self._write(buffer)
-            return True
-        if self._stopping.is_set():
+        """Handle some sealed buffers, or one tick of the clock; returns whether to go on."""
+        buffers, mark = self._journal.take(self._tick_at() - time.monotonic(), _BATCH)
+        if buffers:
+            self._write(buffers)
+        if mark == _THE_END:
             return False
-        with self._progress:
-            self._done = max(self._done, requested)
-            self._progress.notify_all()
+        if mark is not None:
+            with self._progress:
+                self._done = max(self._done, mark)
+                self._progress.notify_all()
         if time.monotonic() >= self._tick_at():
             self._last_seal = time.monotonic()
             self._journal.seal()
@@ -124,14 +146,16 @@ class Writer:
         interval = min(options.flush_interval_s, options.sync_interval_s or float("inf"))
         return self._last_seal + interval
 
-    def _write(self, buffer: Buffer) -> None:
-        data = np.frombuffer(buffer.map, np.uint8)
-        count = len(buffer.starts)
-        self._persist(lambda: self._blocks.write(data, buffer.starts, buffer.extras))
-        del data
+    def _write(self, buffers: list[Buffer]) -> None:
+        blocks = [buffer.block() for buffer in buffers]
+        count = sum(len(buffer.starts) for buffer in buffers)
+        prepared = self._blocks.prepare(blocks)
+        self._persist(lambda: self._blocks.commit(prepared))
+        del blocks, prepared
         with self._journal.lock:
             self.rows_written += count
-        self._journal.recycle(buffer)
+        for buffer in buffers:
+            self._journal.recycle(buffer)
         self._sync_if_due()
 
     def _sync_if_due(self) -> None:
@@ -145,7 +169,7 @@ class Writer:
             _log.error("syncing the recording in %s failed: %s; it goes on in a new segment", self._blocks.folder, error)
             self._blocks.set_aside()
 
-    def _persist(self, write) -> None:  # type: ignore[no-untyped-def]
+    def _persist(self, write: Callable[[], None]) -> None:
         """Do a write again and again while the disk refuses; the backlog grows meanwhile."""
         pause = _FIRST_RETRY_S
         while True:
