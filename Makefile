@@ -1,0 +1,45 @@
+# Each target makes its own virtual environment in .venv; nothing but Python, make and a network is needed.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+
+.PHONY: help demo test unit lint format bench clean
+
+help:  ## say what there is
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
+
+$(VENV)/demo: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install -e '.[demo]'
+	@touch $@
+
+$(VENV)/dev: pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install -e '.[demo,dev]'
+	@touch $@
+
+demo: $(VENV)/demo  ## record a Franka arm at 1 kHz, read it back, plot it
+	$(BIN)/python examples/franka_control.py --root .dash
+
+test: lint unit  ## everything that CI checks
+
+lint: $(VENV)/dev  ## style, format, types, import directions
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python tools/check_imports.py
+
+unit: $(VENV)/dev  ## the tests
+	$(BIN)/python -m pytest
+
+format: $(VENV)/dev  ## put the code into its format
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(VENV)/dev  ## measure beside the peers and write docs/benchmarks.md (about half an hour)
+	$(PIP) install -e '.[bench]'
+	$(BIN)/python tools/bench_append.py --out docs/benchmarks.md
+
+clean:  ## remove what the targets made
+	rm -rf $(VENV) .dash .dreamlake .pytest_cache .mypy_cache .ruff_cache

@@ -1,0 +1,95 @@
+"""Hold the floor plan: imports go down only, and a heavy library is imported only in the file that needs it.
+
+Run by `make lint`; prints what is wrong and exits with 1.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+PACKAGE = "ml_dash_mcap"
+ROOT = Path(__file__).resolve().parent.parent / PACKAGE
+
+FLOORS: list[set[str]] = [
+    {"version", "errors", "clock"},
+    {"options", "timestamps", "paths", "utc", "definitions", "lookup", "images"},
+    {"rows"},
+    {"write", "read"},
+    {"recovery", "export"},
+    {"recorder", "recording"},
+    {"live", "readback", "pages", "parameters", "metrics", "logs", "run"},
+    {"file_store", "files"},
+    {"tracks", "session_files"},
+    {"session_tracks"},
+    {"experiment", "session"},
+]
+"""Rooms by floor, the lowest first. A room imports from lower floors, and from its own floor where `BESIDE` says so."""
+
+BESIDE: set[tuple[str, str]] = set()
+
+HEAVY = {
+    "pyarrow": {"rows.table", "export.parquet"},
+    "rosbags": set[str](),
+    "google": set[str](),
+    "mcap_protobuf": set[str](),
+    "PIL": {"images"},
+    "rich": set[str](),
+}
+"""Which modules may import a heavy library."""
+
+
+def main() -> int:
+    """Check every module; return the exit code."""
+    faults = [fault for path in sorted(ROOT.rglob("*.py")) for fault in check(path)]
+    for fault in faults:
+        print(fault)
+    return 1 if faults else 0
+
+
+def check(path: Path) -> Iterator[str]:
+    """Yield what is wrong with one module's imports."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    name = ".".join(parts)
+    if name == "__init__":
+        return
+    for line, target in imports(path, parts):
+        top = target.split(".")[0]
+        if top in HEAVY and name not in HEAVY[top]:
+            yield f"{path.name}:{line}: {name} imports {top}; only {sorted(HEAVY[top]) or 'nobody'} may"
+        if target == PACKAGE or target.startswith(f"{PACKAGE}."):
+            yield from judge(path, line, parts[0], target.split(".")[1] if "." in target else "__init__")
+
+
+def judge(path: Path, line: int, room: str, other: str) -> Iterator[str]:
+    """Yield a fault if a room may not import another."""
+    if room == other:
+        return
+    floors = {name: height for height, names in enumerate(FLOORS) for name in names}
+    for name in (room, other):
+        if name not in floors:
+            yield f"{path.name}:{line}: {name} stands on no floor; say in tools/check_imports.py where it belongs"
+            return
+    if floors[other] > floors[room] or (floors[other] == floors[room] and (room, other) not in BESIDE):
+        yield f"{path.name}:{line}: {room} imports {other}, which does not lie below it"
+
+
+def imports(path: Path, parts: tuple[str, ...]) -> Iterator[tuple[int, str]]:
+    """Yield the line and the absolute name of everything that a module imports."""
+    package = [PACKAGE, *parts[:-1]]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            module = [*base, *(node.module.split(".") if node.module else [])]
+            if node.module or not node.level:
+                yield node.lineno, ".".join(module)
+            else:
+                yield from ((node.lineno, ".".join([*module, alias.name])) for alias in node.names)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
