@@ -9,10 +9,11 @@ from .version import __version__
 if TYPE_CHECKING:
     from .experiment import Experiment
     from .options import RecorderOptions
-    from .recorder import Recorder, Topic
+    from .recorder import Recorder
     from .recording import Recording
     from .recovery import recover_leftovers as recover
     from .session import Session
+    from .topic import Topic
 
 __all__ = ["Experiment", "Recorder", "RecorderOptions", "Recording", "Session", "Topic", "__version__", "recover"]
 
@@ -22,7 +23,7 @@ _HOMES = {
     "RecorderOptions": "options",
     "Recording": "recording",
     "Session": "session",
-    "Topic": "recorder",
+    "Topic": "topic",
     "recover": "recovery",
 }
 

@@ -8,7 +8,8 @@ END_S = 18_446_744_073.0
 """The first time stamp that is refused, in seconds: MCAP's times are unsigned 64-bit nanoseconds (year 2554)."""
 
 EPOCH_LIKE_S = 100_000_000.0
-"""Time stamps from here on (March 1973, in seconds) are taken for wall-clock time, earlier ones for a clock that starts near 0."""
+"""Time stamps from here on (March 1973, in seconds) are taken for wall-clock time, earlier ones for a clock that starts
+near 0."""
 
 
 def to_nanoseconds(seconds: float) -> int:

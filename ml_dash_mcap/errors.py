@@ -1,16 +1,16 @@
 """Every error this library raises.
 
     RecorderError
-    ├── TimestampError       (ValueError)                a time stamp that is missing, not a number or out of range
+    ├── TimestampError       (ValueError)                a time stamp missing, not a number, out of range
     ├── FieldError           (TypeError, ValueError)     a field that cannot be stored, or a reserved name
     │   └── IntegerRangeError  (OverflowError)           an integer that 64 bits cannot hold
     ├── TopicError           (ValueError)                a topic that is empty, too long or not text
     ├── PrefixError          (ValueError)                a prefix or file name that is malformed or leaves its root
     ├── OptionError          (ValueError)                a recorder option that makes no sense
     ├── UsageError           (TypeError)                 a call with arguments that it does not take
-    ├── StateError           (RuntimeError)              used before it was started, after it was closed, or in a forked child
+    ├── StateError           (RuntimeError)              used before its start, after its end, or in a forked child
     ├── BacklogFullError     (BufferError)               the writer fell behind and on_full="raise"
-    ├── RangeError           (ValueError)                a time or index range whose end lies before its start, or is not a number
+    ├── RangeError           (ValueError)                a range that ends before it starts, or of no numbers
     ├── StorageError         (OSError)                   a folder or file that cannot be made, written or locked
     │   └── MissingRecordingError  (FileNotFoundError)   a path where no recording is
     ├── NotFoundError        (KeyError)                  a topic, column or entry that is not there

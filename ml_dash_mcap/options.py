@@ -37,7 +37,8 @@ class RecorderOptions:
     """The compressor's own level. None takes the fastest that still compresses numbers well (zstd 1, lz4 0)."""
 
     backlog_bytes: int = 32 * MIB
-    """Memory for rows that are not in the file yet, in bytes, reserved at start. A disk may stand still until it is full."""
+    """Memory for rows that are not in the file yet, in bytes, reserved at start. A disk may stand still until it is
+    full."""
 
     on_full: OnFull = "block"
     """What `append` does when the backlog is full: wait, refuse the row and count it, or raise `BacklogFullError`."""
@@ -74,7 +75,9 @@ class RecorderOptions:
         _check(self.sync_interval_s >= 0, "sync_interval_s", self.sync_interval_s, "0 s or more")
         _check(self.segment_bytes >= self.chunk_bytes, "segment_bytes", self.segment_bytes, "at least chunk_bytes")
         _check(self.segment_duration_s > 0, "segment_duration_s", self.segment_duration_s, "more than 0 s")
-        _check(self.batch_rows is None or self.batch_rows > 0, "batch_rows", self.batch_rows, "None or more than 0 rows")
+        _check(
+            self.batch_rows is None or self.batch_rows > 0, "batch_rows", self.batch_rows, "None or more than 0 rows"
+        )
         level = self.compression_level
         _check(level is None or -100 <= level <= 22, "compression_level", level, "-100 to 22, or None")
 
@@ -115,6 +118,7 @@ _VARIABLES = {
     "ML_DASH_TRACK_BATCH_SIZE": "batch_rows",
     "ML_DASH_BUFFER_ENABLED": "buffered",
 }
+_SWITCH = {"true": True, "1": True, "yes": True, "on": True, "false": False, "0": False, "no": False, "off": False}
 _ML_DASH_NAMES = {"flush_interval": "flush_interval_s", "track_batch_size": "batch_rows", "buffer_enabled": "buffered"}
 _ML_DASH_ELSEWHERE = ("log_batch_size", "metric_batch_size", "file_upload_workers")
 
@@ -136,12 +140,10 @@ def _from_variables(environment: Mapping[str, str]) -> dict[str, Any]:
 def _parse(variable: str, option: str, text: str) -> float | int | bool:
     try:
         if option == "buffered":
-            return {"true": True, "1": True, "yes": True, "on": True, "false": False, "0": False, "no": False, "off": False}[
-                text.lower()
-            ]
+            return _SWITCH[text.lower()]
         return int(text) if option == "batch_rows" else float(text)
     except (KeyError, ValueError) as error:
-        raise OptionError(f"the environment variable {variable}={text!r} does not say what {option} should be") from error
+        raise OptionError(f"{variable}={text!r} in the environment does not say what {option} should be") from error
 
 
 def _from_buffer_config(config: Any) -> dict[str, Any]:

@@ -115,13 +115,13 @@ def _journal_names(pattern: str) -> list[str]:
     return glob.glob(f"{glob.escape(folder)}/{glob.escape(name[: -len('*.journal')])}*.journal") if is_ours else []
 
 
-# -- the journal --------------------------------------------------------------------------------------------------------
+# -- the journal -------------------------------------------------------------------------------------------------------
 
 
 def _read_journals(pattern: str, session: str) -> list[_Leftover]:
     """Read the buffers that hold something, in the order in which they were filled."""
     found = [_read_journal(Path(name), session) for name in _journal_names(pattern)]
-    return sorted((leftover for leftover in found if leftover is not None), key=lambda one: (one.chunk, bool(one.starts)))
+    return sorted((one for one in found if one is not None), key=lambda one: (one.chunk, bool(one.starts)))
 
 
 def _read_journal(path: Path, session: str) -> _Leftover | None:
@@ -188,7 +188,7 @@ def _fold_in(
     return blocks.finished
 
 
-# -- the segments -------------------------------------------------------------------------------------------------------
+# -- the segments ------------------------------------------------------------------------------------------------------
 
 
 def _unfinished(folder: Path, session: str) -> Iterable[Path]:

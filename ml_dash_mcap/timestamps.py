@@ -61,7 +61,7 @@ class Strict:
         if given is MISSING:
             raise TimestampError(
                 f"Timestamp '_ts' is required for track.append() (topic {topic!r}): pass _ts=<seconds>, or open the"
-                " recording with timestamps=\"auto\""
+                ' recording with timestamps="auto"'
             )
         if isinstance(given, str):
             try:
@@ -73,8 +73,8 @@ class Strict:
             raise _not_numeric(given, topic)
         if seconds == INHERIT:
             raise TimestampError(
-                f"append() on topic {topic!r}: _ts=-1 inherits the last time stamp only with timestamps=\"auto\";"
-                " pass the time in seconds, or open the recording with timestamps=\"auto\""
+                f'append() on topic {topic!r}: _ts=-1 inherits the last time stamp only with timestamps="auto";'
+                ' pass the time in seconds, or open the recording with timestamps="auto"'
             )
         return _in_range(seconds, topic)
 

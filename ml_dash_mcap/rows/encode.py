@@ -158,30 +158,36 @@ def _convert(value: Any, parent: str, key: str | int, notes: Any, where: tuple[s
         notes.setdefault("bytes", {}).setdefault(parent, []).append(key)
         return base64.b64encode(value).decode("ascii")
     if depth > _MAX_DEPTH:
-        raise FieldError(f"append() on topic {where[0]!r}: field {where[1]!r} is nested deeper than {_MAX_DEPTH} levels")
-    pointer = f"{parent}/{_escape(key)}"
+        raise FieldError(
+            f"append() on topic {where[0]!r}: field {where[1]!r} is nested deeper than {_MAX_DEPTH} levels"
+        )
+    if isinstance(value, (Mapping, list, tuple)):
+        return _convert_container(value, f"{parent}/{_escape(key)}", notes, where, depth + 1)
+    return _convert(_simpler(value, where), parent, key, notes, where, depth + 1)
+
+
+def _convert_container(value: Any, pointer: str, notes: Any, where: tuple[str, str], depth: int) -> Any:
     if isinstance(value, Mapping):
-        return {
-            name: _convert(inner, pointer, name, notes, where, depth + 1)
-            for name, inner in ((_key_text(k, where), v) for k, v in value.items())
-        }
-    if isinstance(value, (list, tuple)):
-        return [_convert(inner, pointer, i, notes, where, depth + 1) for i, inner in enumerate(value)]
+        named = [(_key_text(key, where), inner) for key, inner in value.items()]
+        return {name: _convert(inner, pointer, name, notes, where, depth) for name, inner in named}
+    return [_convert(inner, pointer, index, notes, where, depth) for index, inner in enumerate(value)]
+
+
+def _simpler(value: Any, where: tuple[str, str]) -> Any:
+    """Return what an object stands for, as values that `_convert` knows."""
     if is_dataclass(value) and not isinstance(value, type):
-        named = {field.name: getattr(value, field.name) for field in dataclass_fields(value)}
-        return _convert(named, parent, key, notes, where, depth + 1)
+        return {field.name: getattr(value, field.name) for field in dataclass_fields(value)}
     if isinstance(value, (datetime.datetime, datetime.date, datetime.time)):
         return value.isoformat()
     if isinstance(value, uuid.UUID):
         return str(value)
     try:
-        listed = plain_list(value)
+        return plain_list(value)
     except (TypeError, ValueError, RuntimeError) as error:
         raise FieldError(
             f"append() on topic {where[0]!r}: field {where[1]!r} holds a {type(value).__module__}."
             f"{type(value).__qualname__}, which cannot be stored; pass numbers, text, bytes, lists, dicts or arrays"
         ) from error
-    return _convert(listed, parent, key, notes, where, depth + 1)
 
 
 def plain_list(value: Any) -> Any:

@@ -1,8 +1,9 @@
 """Which encoded rows have a shape that was seen before, told for a whole block at once.
 
-Decoding every row to infer a schema would keep the interpreter lock from the control loop. So a row is reduced to
-its skeleton, the bytes that are left without digits, minus signs, slashes and the letter e, and only rows with a new skeleton are
-decoded. What a skeleton cannot tell (an empty array from one of integers, `1e16` from `116`) is decoded each time.
+Decoding every row to infer a schema would keep the interpreter lock from the control loop. So a row is reduced to its
+skeleton, the bytes that are left without digits, minus signs, slashes and the letter e, and only rows with a new
+skeleton are decoded. What a skeleton cannot tell (an empty array from one of integers, `1e16` from `116`) is decoded
+each time.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ class BlockWriter:
         self._segment_opened = 0.0
         self._set_aside: list[Segment] = []
 
-    # -- one block --------------------------------------------------------------------------------------------------
+    # -- one block ---------------------------------------------------------------------------------------------------
 
     def prepare(self, blocks: Sequence[Block]) -> Prepared:
         """Infer, merge and number what sealed buffers hold; nothing is written yet.
@@ -189,7 +189,9 @@ class BlockWriter:
         if not space:
             text = len(schemas.to_bytes(dict(schema or info.schema or {})))
             return info.schema_record(schema, 0 if skeletons is None else 2 * text + _SPARE_BYTES)
-        bare = len(record) - len(schemas.to_bytes(dict(schema or info.schema or {"type": "object", "title": info.topic})))
+        bare = len(record) - len(
+            schemas.to_bytes(dict(schema or info.schema or {"type": "object", "title": info.topic}))
+        )
         return record if len(record) > space else info.schema_record(schema, space - bare)
 
     def _write_metadata(self, record: bytes) -> None:
@@ -198,7 +200,7 @@ class BlockWriter:
         if parsed.name == PARAMETERS:
             self._parameters.update(parsed.metadata)
 
-    # -- the tracks' clock ------------------------------------------------------------------------------------------
+    # -- the tracks' clock -------------------------------------------------------------------------------------------
 
     def _follow_clock(self, rows: Rows) -> tuple[Rows, bool]:
         """Keep logs and metrics, made at wall-clock times, on the clock of the tracks.
@@ -226,11 +228,11 @@ class BlockWriter:
         if before != now and before != "mixed":
             self.clock = "mixed"
             _log.warning(
-                "the tracks in %s mix wall-clock times and times near 0; viewers refuse a file that spans both", self.folder
+                "the tracks in %s mix wall-clock times and times near 0; viewers refuse such a file", self.folder
             )
         return rows, False
 
-    # -- segments ---------------------------------------------------------------------------------------------------
+    # -- segments ----------------------------------------------------------------------------------------------------
 
     def _is_time_to_split(self) -> bool:
         segment = self._segment

@@ -16,6 +16,7 @@ from .rows import Rows
 
 Compressed = bytes | memoryview
 
+
 class Compressor(Protocol):
     """Compresses blocks of bytes, each to a frame of its own, in one call that lets other threads run."""
 
@@ -24,8 +25,6 @@ class Compressor(Protocol):
 
     def __call__(self, blocks: list[memoryview]) -> Sequence[Compressed]:
         """Return the compressed blocks."""
-
-
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +58,7 @@ class _Zstd:
         import zstandard
 
         if level is None:
-            # As fast as level 1, and 2 to 3 % smaller on rows of numbers: matches of 6 bytes find the keys between them.
+            # As fast as level 1, and 2 to 3 % smaller on rows of numbers: matches of 6 bytes find the keys in between.
             parameters = zstandard.ZstdCompressionParameters(
                 window_log=19, hash_log=13, min_match=6, strategy=zstandard.STRATEGY_FAST
             )

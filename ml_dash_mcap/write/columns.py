@@ -53,7 +53,7 @@ def _times(times_s: Any, topic: str) -> npt.NDArray[np.float64]:
     try:
         times = np.ascontiguousarray(times_s, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise TimestampError(f"append_columns() on topic {topic!r}: _ts must be an array of numbers, [N], in s") from error
+        raise TimestampError(f"append_columns() on topic {topic!r}: _ts must be numbers, [N], in seconds") from error
     if times.ndim != 1:
         raise TimestampError(f"append_columns() on topic {topic!r}: _ts has the shape {times.shape}; it must be [N]")
     good = (times >= 0) & (times < clock.END_S)

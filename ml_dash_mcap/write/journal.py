@@ -181,7 +181,7 @@ class Journal:
         self.active.begin(self._prologue())
         _LIVE.add(self)
 
-    # -- making -----------------------------------------------------------------------------------------------------
+    # -- making ------------------------------------------------------------------------------------------------------
 
     def _places(self) -> Iterator[Path]:
         if self.options.journal_dir is not None:
@@ -197,8 +197,8 @@ class Journal:
         for place in self._places():
             made: list[Buffer] = []
             try:
-                for number in range(count):
-                    made.append(Buffer(place / self._buffer_name(str(number)), self.options.chunk_bytes))
+                while len(made) < count:
+                    made.append(Buffer(place / self._buffer_name(str(len(made))), self.options.chunk_bytes))
             except OSError as error:
                 for buffer in made:
                     buffer.discard()
@@ -231,7 +231,7 @@ class Journal:
         whose = records.metadata(JOURNAL_METADATA, {"session": self.session, "chunk": str(chunk)})
         return records.header("ml_dash_mcap journal") + whose + self._registry
 
-    # -- appending threads ------------------------------------------------------------------------------------------
+    # -- appending threads -------------------------------------------------------------------------------------------
 
     def register(self, records_bytes: bytes) -> None:
         """Take a new topic's Schema and Channel records into this buffer and all later ones.
@@ -423,7 +423,7 @@ class Journal:
         with contextlib.suppress(queue.Empty):
             self._free.put(self._free.get(timeout=_WAIT_S))
 
-    # -- sealing ----------------------------------------------------------------------------------------------------
+    # -- sealing -----------------------------------------------------------------------------------------------------
 
     def seal(self) -> bool:
         """Hand what is in the active buffer to the writer; returns whether there is nothing left in it."""
@@ -461,7 +461,7 @@ class Journal:
         """Return how many rows were taken so far; call it with the lock held for a figure that fits the others."""
         return self._sealed_rows + len(self.active.starts)
 
-    # -- the writer thread ------------------------------------------------------------------------------------------
+    # -- the writer thread -------------------------------------------------------------------------------------------
 
     def take(self, timeout_s: float, at_most: int) -> tuple[list[Buffer], int | None]:
         """Return the next sealed buffers, none after a while without one, and the mark that was put behind them."""
@@ -491,7 +491,7 @@ class Journal:
         buffer.clear()
         self._free.put(buffer)
 
-    # -- the end ----------------------------------------------------------------------------------------------------
+    # -- the end -----------------------------------------------------------------------------------------------------
 
     @property
     def is_shut(self) -> bool:
@@ -539,7 +539,8 @@ def _create_session(folder: Path, session: str) -> SessionLock:
     try:
         return SessionLock.create(folder / SESSION_FILE.format(session=session))
     except OSError as error:
-        raise StorageError(error.errno, f"cannot write to the recording's folder: {error.strerror}", str(folder)) from error
+        what = f"cannot write to the recording's folder: {error.strerror}"
+        raise StorageError(error.errno, what, str(folder)) from error
 
 
 def _closed_buffer() -> Buffer:

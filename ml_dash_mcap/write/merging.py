@@ -17,7 +17,7 @@ from .rows import Rows, replaced
 
 _SLICE = 32
 _PAUSE_S = 2e-5
-"""After so many merged rows the writer thread sleeps for a moment, so that a control loop never waits for all of them."""
+"""After so many merged rows the writer thread sleeps for a moment, so that a control loop never waits for them all."""
 
 
 def merge_same_time(rows: Rows, mergeable: npt.NDArray[np.bool_], form_of: Callable[[int], Form]) -> Rows:

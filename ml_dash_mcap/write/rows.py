@@ -111,17 +111,13 @@ def replaced(rows: Rows, keep: npt.NDArray[np.bool_], payloads: dict[int, tuple[
         strict=True,
     ):
         changed = payloads.get(row)
-        pieces.append(
-            rows.data[start:end] if changed is None else np.frombuffer(message(channel, *changed), np.uint8)
-        )
+        pieces.append(rows.data[start:end] if changed is None else np.frombuffer(message(channel, *changed), np.uint8))
     times = rows.times.copy()
     for row, (time, _) in payloads.items():
         times[row] = time
     lengths = np.fromiter(map(len, pieces), np.int64, len(pieces))
     ends = np.cumsum(lengths)
-    return Rows(
-        np.concatenate(pieces), ends - lengths, ends, rows.blocks[keep], rows.channels[keep], times[keep]
-    )
+    return Rows(np.concatenate(pieces), ends - lengths, ends, rows.blocks[keep], rows.channels[keep], times[keep])
 
 
 def message(channel: int, time_ns: int, payload: bytes) -> bytes:

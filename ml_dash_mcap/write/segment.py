@@ -49,9 +49,7 @@ class Contents:
         for opcode, group in groups:
             if group:
                 at = start + len(summary)
-                offsets += records.to_bytes(
-                    SummaryOffset(group_opcode=opcode, group_start=at, group_length=len(group))
-                )
+                offsets += records.to_bytes(SummaryOffset(group_opcode=opcode, group_start=at, group_length=len(group)))
                 summary += group
         foot = records.footer(start, start + len(summary), 0)
         crc = zlib.crc32(summary + offsets + foot[:-4])

@@ -68,7 +68,7 @@ class Writer:
         self._thread = threading.Thread(target=self._run, name="ml_dash_mcap writer", daemon=True)
         self._thread.start()
 
-    # -- any thread -------------------------------------------------------------------------------------------------
+    # -- any thread --------------------------------------------------------------------------------------------------
 
     def flush(self) -> None:
         """Wait until every row taken so far is in the file.
@@ -110,7 +110,7 @@ class Writer:
         self._thread.join()
         self._raise_failure()
 
-    # -- the thread -------------------------------------------------------------------------------------------------
+    # -- the thread --------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
         try:
@@ -147,16 +147,17 @@ class Writer:
         return self._last_seal + interval
 
     def _write(self, buffers: list[Buffer]) -> None:
-        blocks = [buffer.block() for buffer in buffers]
+        self._write_blocks(buffers)
         count = sum(len(buffer.starts) for buffer in buffers)
-        prepared = self._blocks.prepare(blocks)
-        self._persist(lambda: self._blocks.commit(prepared))
-        del blocks, prepared
         with self._journal.lock:
             self.rows_written += count
         for buffer in buffers:
             self._journal.recycle(buffer)
         self._sync_if_due()
+
+    def _write_blocks(self, buffers: list[Buffer]) -> None:
+        prepared = self._blocks.prepare([buffer.block() for buffer in buffers])
+        self._persist(lambda: self._blocks.commit(prepared))
 
     def _sync_if_due(self) -> None:
         interval = self._journal.options.sync_interval_s
@@ -166,7 +167,7 @@ class Writer:
         try:
             self._blocks.sync()
         except OSError as error:  # what the system did with the data is unknown; never ask it twice
-            _log.error("syncing the recording in %s failed: %s; it goes on in a new segment", self._blocks.folder, error)
+            _log.error("syncing %s failed: %s; the recording goes on in a new segment", self._blocks.folder, error)
             self._blocks.set_aside()
 
     def _persist(self, write: Callable[[], None]) -> None:

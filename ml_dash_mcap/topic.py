@@ -1,0 +1,260 @@
+"""One topic of a recorder: where a control loop's rows go in."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from . import clock
+from .errors import FieldError, TopicError, UsageError
+from .rows.encode import EXACT_KEY, TIME_KEY, dumps, exact, plain
+from .timestamps import MISSING
+from .write import records
+from .write.channels import ChannelInfo
+
+if TYPE_CHECKING:
+    from .recorder import Recorder
+
+OWN_TOPICS = "ml_dash/"
+"""Topics that begin so are the library's own."""
+
+_MAX_TOPIC_BYTES = 1024
+
+_UNSET: Any = object()
+_END_S = clock.END_S
+_pack_tail = struct.Struct("<Q6sQQ").pack
+_OPCODE = bytes((records.MESSAGE_OPCODE,))
+
+T = TypeVar("T", bound="Topic")
+
+
+class Topic:
+    """One topic of a recorder: a stream of rows, each a set of named fields at a time.
+
+    Any thread may call any method. Made by `Recorder.topic`.
+    """
+
+    __slots__ = ("__weakref__", "_channel", "_head", "_journal", "_probe", "_recorder", "name")
+
+    def __init__(self, recorder: Recorder, channel: ChannelInfo) -> None:
+        self.name = channel.topic
+        self._recorder = recorder
+        self._channel = channel
+        self._journal = recorder._journal
+        self._head = struct.pack("<HI", channel.number, 0)
+        self._probe = b"n"[0]
+
+    def append(
+        self: T, /, *positional: Any, _ts: Any = MISSING, timestamp: Any = _UNSET, _exact: Any = _UNSET, **fields: Any
+    ) -> T:
+        """Take one row. Its values are copied: changing an array afterwards changes nothing.
+
+        Args:
+            _ts: The row's time stamp, in seconds. Rows of one time stamp merge into one; later fields win.
+            **fields: Numbers, text, bytes, None, lists, dicts, numpy arrays of any shape, dataclasses, datetimes,
+                enums, and anything with `tolist` or `__array__`.
+
+        Returns:
+            The topic itself.
+
+        Raises:
+            TimestampError: `_ts` is missing, not a number, not finite, negative, or beyond the year 2554.
+            FieldError: A field cannot be stored, or its name is reserved.
+            IntegerRangeError: An integer needs more than 64 bits.
+            StateError: The recorder is closed, or this is a forked child of its process.
+            BacklogFullError: The backlog is full and `on_full="raise"`.
+            StorageError: The backlog is full and nothing can be written.
+
+        Example:
+            >>> recorder.topic("robot").append(q=[0.1, 0.2], gripper=0.04, _ts=1.5)
+        """
+        # The hot path: every line here is measured by tools/bench_append.py. It is `encode`, `clock.to_nanoseconds`
+        # and `Journal.add` written out; closed and forked recorders fail the room check, so they cost nothing here.
+        if positional or timestamp is not _UNSET or _exact is not _UNSET:
+            fields = self._accept(positional, timestamp, _exact, fields)
+        if _ts.__class__ is not float or not 0.0 <= _ts < _END_S:
+            _ts = self._time(_ts)
+        fields[TIME_KEY] = _ts
+        try:
+            payload = dumps(fields, plain)
+        except Exception:
+            payload = exact(fields, self.name)
+        else:
+            if self._probe in payload:
+                payload = self._recheck(payload, fields)
+        whole = int(_ts)
+        time_ns = whole * 1_000_000_000 + int((_ts - whole) * 1e9 + 0.5)
+        length = len(payload) + 22
+        tail = _pack_tail(length, self._head, time_ns, time_ns) + payload
+        journal = self._journal
+        with journal.lock:
+            buffer = journal.active
+            start = buffer.end
+            end = start + length + 9
+            if end <= buffer.limit:
+                # No call stands between these lines, so neither a signal handler nor another thread comes between.
+                memory = buffer.map
+                memory[start + 1 : end] = tail
+                memory[start] = 5
+                buffer.end = end
+                journal.last_s = _ts
+                buffer.starts.append(start)
+                if journal.eager is None:
+                    return self
+        if end > buffer.limit:
+            journal.add(_OPCODE + tail, self.name, _ts)
+        if journal.eager is not None:
+            journal.eager()
+        return self
+
+    def append_batch(self: T, rows: Iterable[Mapping[str, Any]]) -> T:
+        """Take several rows, each a dict of fields with its `_ts`. If one of them is bad, none is taken.
+
+        Raises:
+            As `append`; the message names the row's index.
+        """
+        tails = [self._encode_row(index, row) for index, row in enumerate(rows)]
+        for tail, time_s in tails:
+            self._put(tail, time_s)
+        return self
+
+    def append_columns(self: T, /, *positional: Any, _ts: Any = MISSING, **columns: Any) -> T:
+        """Take many rows at once, given as columns: for simulators and logged arrays.
+
+        Args:
+            _ts: Time stamps, [N], s.
+            **columns: One value a row each: arrays [N, ...] or sequences of length N.
+
+        Returns:
+            The topic itself.
+
+        Raises:
+            FieldError: A column has another length, or a value cannot be stored; no row is taken.
+            As `append` otherwise.
+
+        Example:
+            >>> recorder.topic("robot").append_columns(_ts=times, q=q, gripper=width)  # [N], [N, 7], [N]
+        """
+        from .write import columns as bulk
+
+        if positional or EXACT_KEY in columns:
+            self._accept(positional, _UNSET, columns.get(EXACT_KEY, _UNSET), {})
+        if "timestamp" in columns:
+            columns = self._accept((), columns.pop("timestamp"), _UNSET, columns)
+        for blob, starts, last_s in bulk.encode(_ts, columns, self.name, self._head):
+            self._journal.add_many(blob, starts, self.name, last_s)
+        if self._journal.eager is not None:
+            self._journal.eager()
+        return self
+
+    def flush(self: T) -> T:
+        """Wait until every row taken so far is in the file, and return the topic itself.
+
+        Raises:
+            StateError: The recorder is closed.
+            StorageError: It cannot be written.
+        """
+        self._recorder.flush()
+        return self
+
+    def _put(self, tail: bytes, time_s: float) -> bool:
+        """Put an encoded row; returns whether it was taken."""
+        taken = self._journal.add(_OPCODE + tail, self.name, time_s)
+        if self._journal.eager is not None:
+            self._journal.eager()
+        return taken
+
+    def _encode(self, fields: dict[str, Any], time_s: float) -> bytes:
+        """Return a Message record without its opcode; `fields` gets the time stamp."""
+        fields[TIME_KEY] = time_s
+        try:
+            payload = dumps(fields, plain)
+        except Exception:
+            payload = exact(fields, self.name)
+        else:
+            if self._probe in payload:
+                payload = self._recheck(payload, fields)
+        time_ns = clock.to_nanoseconds(time_s)
+        return _pack_tail(len(payload) + 22, self._head, time_ns, time_ns) + payload
+
+    def _encode_row(self, index: int, row: Mapping[str, Any]) -> tuple[bytes, float]:
+        try:
+            fields = dict(row)
+        except (TypeError, ValueError) as error:
+            raise FieldError(f"append_batch() on topic {self.name!r}: row {index} is {row!r}, not a dict") from error
+        try:
+            time_s = self._time(fields.pop(TIME_KEY, MISSING))
+            if "timestamp" in fields or EXACT_KEY in fields:
+                fields = self._accept((), fields.pop("timestamp", _UNSET), fields.get(EXACT_KEY, _UNSET), fields)
+            return self._encode(fields, time_s), time_s
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"row {index} of the batch: {error}") from error
+
+    def _time(self, given: Any) -> float:
+        """Return the time stamp of a row, in seconds, by the recorder's rule for missing and inherited ones."""
+        return self._recorder._stamper.resolve(given, self.name)
+
+    def _accept(
+        self, positional: tuple[Any, ...], timestamp: Any, exact_key: Any, fields: dict[str, Any]
+    ) -> dict[str, Any]:
+        """Handle what an ordinary call does not have: positional arguments, a field `timestamp`, a reserved name."""
+        if positional:
+            raise UsageError(
+                f"append() on topic {self.name!r} takes its fields by name, as in append(q=..., _ts=...); got"
+                f" {len(positional)} positional argument(s)"
+            )
+        if exact_key is not _UNSET:
+            raise FieldError(f"append() on topic {self.name!r}: the field name {EXACT_KEY!r} is reserved; rename it")
+        return self._with_timestamp_field(timestamp, fields)
+
+    def _with_timestamp_field(self, timestamp: Any, fields: dict[str, Any]) -> dict[str, Any]:
+        """Take a field that is called `timestamp`; users of an Experiment may not have one."""
+        return {"timestamp": timestamp, **fields}
+
+    def _recheck(self, payload: bytes, fields: dict[str, Any]) -> bytes:
+        """Look closer at a payload that may have a null in it, where orjson writes None but also NaN and infinities.
+
+        Searching for `null` takes longer than encoding a row, for one byte a fiftieth of that. So a byte of `null`
+        that the topic's rows do not have otherwise is looked for, and changed when a row has it.
+        """
+        if b"null" in payload:
+            return exact(fields, self.name)
+        self._probe = next((byte for byte in b"nul" if byte not in payload), self._probe)
+        return payload
+
+
+class EventTopic(Topic):
+    """A topic of logs, metrics or files: at the recording's time, and never merged."""
+
+    __slots__ = ()
+
+    def add(self, fields: dict[str, Any]) -> bool:
+        """Take one row, at the recording's time now; returns whether it was taken."""
+        taken = self._journal.add(_OPCODE + self._encode(fields, self._recorder.time()), self.name, None)
+        if self._journal.eager is not None:
+            self._journal.eager()
+        return taken
+
+
+def check_topic(name: object) -> None:
+    """Check the name of a user's topic.
+
+    Raises:
+        UsageError: It is no text.
+        TopicError: It is empty, too long, has a NUL, cannot be encoded, or is reserved.
+    """
+    if not isinstance(name, str):
+        raise UsageError(f"a topic's name is text, not {type(name).__name__}: {name!r}")
+    try:
+        size = len(name.encode())
+    except UnicodeEncodeError as error:
+        raise TopicError(f"topic {name!r} is not valid Unicode: {error}") from error
+    if not name or name.isspace():
+        raise TopicError(f"a topic needs a name; got {name!r}")
+    if size > _MAX_TOPIC_BYTES:
+        raise TopicError(f"topic {name[:40]!r}...: its name has {size} bytes; at most {_MAX_TOPIC_BYTES} are allowed")
+    if "\0" in name:
+        raise TopicError(f"topic {name!r} has a NUL in its name")
+    if name.startswith(OWN_TOPICS):
+        raise TopicError(f"topic {name!r}: names that begin with {OWN_TOPICS!r} are the library's own")
