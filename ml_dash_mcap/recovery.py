@@ -183,7 +183,7 @@ def _fold_in(
     blocks = BlockWriter(folder, RecorderOptions(), about, channels, written, by_number)
     for one in pending:
         data = np.frombuffer(bytearray(one.data), np.uint8)
-        blocks.commit(blocks.prepare([Block(data, one.begin, one.end, one.starts, one.gaps, one.extras)]))
+        blocks.commit(blocks.prepare(Block(data, one.begin, one.end, one.starts, one.gaps, one.extras)))
     blocks.finish({})
     return blocks.finished
 

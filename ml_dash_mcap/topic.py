@@ -142,8 +142,8 @@ class Topic:
             self._accept(positional, _UNSET, columns.get(EXACT_KEY, _UNSET), {})
         if "timestamp" in columns:
             columns = self._accept((), columns.pop("timestamp"), _UNSET, columns)
-        for blob, starts, last_s in bulk.encode(_ts, columns, self.name, self._head):
-            self._journal.add_many(blob, starts, self.name, last_s)
+        for rows in bulk.encode(_ts, columns, self.name, self._head):
+            self._journal.add_many(rows.records, rows.starts, self.name, rows.last_s, rows.is_uniform)
         if self._journal.eager is not None:
             self._journal.eager()
         return self

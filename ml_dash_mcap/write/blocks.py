@@ -7,7 +7,7 @@ import datetime
 import json
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -41,13 +41,13 @@ _SPARE_BYTES = 512
 
 @dataclass(slots=True)
 class Prepared:
-    """Blocks that are ready to be compressed and written."""
+    """A block that is ready to be compressed and written."""
 
     extras: list[bytes]
-    """Their metadata records; each is removed when it is in the file."""
+    """Its metadata records; each is removed when it is in the file."""
     rows: Rows | None
     splits: bool
-    """Whether a new segment begins with them."""
+    """Whether a new segment begins with it."""
 
 
 class BlockWriter:
@@ -97,25 +97,24 @@ class BlockWriter:
 
     # -- one block ---------------------------------------------------------------------------------------------------
 
-    def prepare(self, blocks: Sequence[Block]) -> Prepared:
-        """Infer, merge and number what sealed buffers hold; nothing is written yet.
+    def prepare(self, block: Block) -> Prepared:
+        """Infer, merge and number what a sealed buffer holds; nothing is written yet.
 
-        Their sequence numbers are changed. Blocks are prepared and committed in order, one call at a time.
+        Its sequence numbers are changed. Blocks are prepared and committed in order, one after the other.
         """
-        extras = [block.data[start:end].tobytes() for block in blocks for start, end in block.extras]
-        with_rows = [block for block in blocks if block.starts]
-        if not with_rows:
+        extras = [block.data[start:end].tobytes() for start, end in block.extras]
+        if not block.starts:
             return Prepared(extras, None, False)
-        rows, splits = self._follow_clock(pack(with_rows))
+        rows, splits = self._follow_clock(pack(block))
         rows = merge_same_time(rows, self._mergeable(), self._classify(rows))
         rows.number(self._next_sequence(rows))
         return Prepared(extras, rows, splits)
 
     def commit(self, prepared: Prepared) -> None:
-        """Compress and write prepared blocks.
+        """Compress and write a prepared block.
 
         Raises:
-            OSError: They could not be written; none of their rows is in the file. It may be tried again.
+            OSError: It could not be written; none of its rows is in the file. It may be tried again.
         """
         if prepared.splits or (prepared.rows is not None and self._is_time_to_split()):
             self.finish_segment()
@@ -136,26 +135,31 @@ class BlockWriter:
 
     def _classify(self, rows: Rows) -> Callable[[int], Form]:
         """Widen the schemas of topics that have rows of a new form; returns what gives each row's form."""
-        bones = Bones(rows.data, rows.starts + records.MESSAGE_HEAD, rows.ends)
         forms = np.full(len(rows), -1, np.int32)
-        for number in np.unique(rows.channels).tolist():
-            if self._channels[number].kind != TRACK:
-                continue
-            mine = np.flatnonzero(rows.channels == number)
-            skeletons = self._skeletons.setdefault(number, Skeletons())
-            forms[mine] = skeletons.classify(bones, mine)
-        return lambda row: self._skeletons[int(rows.channels[row])].forms[int(forms[row])]
+        for first, last in rows.uniform:
+            forms[first:last] = self._skeletons_of(rows, first).learn(rows.payload(first))
+        tracks = [number for number, info in list(self._channels.items()) if info.kind == TRACK]
+        unknown = (forms < 0) & np.isin(rows.channels, tracks)
+        if unknown.any():
+            bones = Bones(rows.data, rows.starts + records.MESSAGE_HEAD, rows.ends)
+            for number in np.unique(rows.channels[unknown]).tolist():
+                mine = np.flatnonzero(unknown & (rows.channels == number))
+                forms[mine] = self._skeletons_of(rows, mine[0]).classify(bones, mine)
+        return lambda row: self._skeletons_of(rows, row).forms[int(forms[row])]
+
+    def _skeletons_of(self, rows: Rows, row: int) -> Skeletons:
+        """Return what is known of the forms of a row's topic."""
+        return self._skeletons.setdefault(int(rows.channels[row]), Skeletons())
 
     def _write_rows(self, rows: Rows) -> None:
-        chunks = build(rows, self.compress)
+        chunk = build(rows, self.compress)
         segment = self._ensure_channels(rows)
         before = segment.size
-        segment.add_chunks(chunks)
+        segment.add_chunk(chunk)
         self.bytes_written += segment.size - before
-        self.first_chunk += len(chunks)
-        for chunk in chunks:
-            for number, count in chunk.counts.items():
-                self._sequences[number] = self._sequences.get(number, 0) + count
+        self.first_chunk += 1
+        for number, count in chunk.counts.items():
+            self._sequences[number] = self._sequences.get(number, 0) + count
 
     def _next_sequence(self, rows: Rows) -> npt.NDArray[np.uint32]:
         """Number each topic's rows on from its last one."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import zlib
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -18,13 +16,13 @@ Compressed = bytes | memoryview
 
 
 class Compressor(Protocol):
-    """Compresses blocks of bytes, each to a frame of its own, in one call that lets other threads run."""
+    """Compresses a block of bytes in one call that lets other threads run."""
 
     name: str
     """As MCAP spells it."""
 
-    def __call__(self, blocks: list[memoryview]) -> Sequence[Compressed]:
-        """Return the compressed blocks."""
+    def __call__(self, block: memoryview) -> Compressed:
+        """Return the compressed block."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +63,9 @@ class _Zstd:
             self._zstd = zstandard.ZstdCompressor(compression_params=parameters)
         else:
             self._zstd = zstandard.ZstdCompressor(level=level)
-        self._many = "multi_compress_to_buffer" in zstandard.backend_features
 
-    def __call__(self, blocks: list[memoryview]) -> Sequence[Compressed]:
-        if len(blocks) == 1 or not self._many:
-            return [self._zstd.compress(block) for block in blocks]
-        frames: Any = self._zstd.multi_compress_to_buffer([*blocks])
-        return [memoryview(frame) for frame in frames]
+    def __call__(self, block: memoryview) -> Compressed:
+        return self._zstd.compress(block)
 
 
 class _Lz4:
@@ -80,17 +74,17 @@ class _Lz4:
     def __init__(self, level: int | None) -> None:
         self._level = 0 if level is None else level
 
-    def __call__(self, blocks: list[memoryview]) -> Sequence[Compressed]:
+    def __call__(self, block: memoryview) -> Compressed:
         import lz4.frame
 
-        return [bytes(lz4.frame.compress(block, compression_level=self._level)) for block in blocks]
+        return bytes(lz4.frame.compress(block, compression_level=self._level))
 
 
 class _None:
     name = ""
 
-    def __call__(self, blocks: list[memoryview]) -> Sequence[Compressed]:
-        return blocks
+    def __call__(self, block: memoryview) -> Compressed:
+        return block
 
 
 def compressor(options: RecorderOptions) -> Compressor:
@@ -100,37 +94,29 @@ def compressor(options: RecorderOptions) -> Compressor:
     return _Lz4(options.compression_level) if options.compression == "lz4" else _None()
 
 
-def build(rows: Rows, compress: Compressor) -> list[Chunk]:
-    """Index, checksum and compress rows; one chunk a block.
+def build(rows: Rows, compress: Compressor) -> Chunk:
+    """Index, checksum and compress rows, one or more.
 
-    The rows stay in the order in which they were appended; each MessageIndex is sorted by time.
+    They stay in the order in which they were appended; each MessageIndex is sorted by time.
     """
-    firsts = np.flatnonzero(np.diff(rows.blocks, prepend=-1))
-    cuts = [*rows.starts[firsts].tolist(), int(rows.ends[-1])]
-    view = memoryview(rows.data)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
-    blocks = [view[start:end] for start, end in itertools.pairwise(cuts)]
-    start_times = np.minimum.reduceat(rows.times, firsts).tolist()
-    end_times = np.maximum.reduceat(rows.times, firsts).tolist()
-    chunks = []
-    for number, (block, data, entries) in enumerate(zip(blocks, compress(blocks), _index(rows, cuts), strict=True)):
-        span = start_times[number], end_times[number]
-        head = records.chunk_head(*span, len(block), zlib.crc32(block), compress.name, len(data))
-        chunks.append(Chunk(head, data, compress.name, len(block), *span, *entries))
-    return chunks
+    block = memoryview(rows.data)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
+    crc = zlib.crc32(block)
+    start_ns, end_ns = int(rows.times.min()), int(rows.times.max())
+    indexes, counts = _index(rows)
+    data = compress(block)
+    head = records.chunk_head(start_ns, end_ns, len(block), crc, compress.name, len(data))
+    return Chunk(head, data, compress.name, len(block), start_ns, end_ns, indexes, counts)
 
 
-def _index(rows: Rows, cuts: list[int]) -> Iterator[tuple[dict[int, bytes], dict[int, int]]]:
-    """Yield, for each block, the MessageIndex records and the number of rows by channel id."""
-    order = np.lexsort((rows.times, rows.channels, rows.blocks))
+def _index(rows: Rows) -> tuple[dict[int, bytes], dict[int, int]]:
+    """Return the MessageIndex record and the number of rows of each channel id."""
+    order = np.lexsort((rows.times, rows.channels))
     entries = np.empty(len(rows), records.INDEX_ENTRY_DTYPE)
     entries["time"] = rows.times[order]
-    entries["offset"] = rows.starts[order] - np.array(cuts)[rows.blocks[order]]
-    groups = rows.blocks[order] * (1 << 16) + rows.channels[order]
-    firsts = np.flatnonzero(np.diff(groups, prepend=-1))
-    lasts = np.append(firsts[1:], len(rows))
-    by_block: list[tuple[dict[int, bytes], dict[int, int]]] = [({}, {}) for _ in cuts[1:]]
-    for group, first, last in zip(groups[firsts].tolist(), firsts.tolist(), lasts.tolist(), strict=True):
-        block, channel = divmod(group, 1 << 16)
-        by_block[block][0][channel] = records.message_index(channel, entries[first:last])
-        by_block[block][1][channel] = last - first
-    yield from by_block
+    entries["offset"] = rows.starts[order]
+    channels, firsts, lengths = np.unique(rows.channels[order], return_index=True, return_counts=True)
+    indexes, counts = {}, {}
+    for channel, first, length in zip(channels.tolist(), firsts.tolist(), lengths.tolist(), strict=True):
+        indexes[channel] = records.message_index(channel, entries[first : first + length])
+        counts[channel] = length
+    return indexes, counts

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Mapping
 from itertools import chain, repeat
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -22,10 +22,21 @@ _SLICE = 512
 _COMMA, _CLOSE = ord(","), ord("]")
 
 
-def encode(
-    times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes
-) -> Iterator[tuple[bytes, npt.NDArray[np.int64], float]]:
-    """Check columns and return their rows as Message records, some hundred at a time.
+class Encoded(NamedTuple):
+    """Some rows as Message records."""
+
+    records: bytes
+    """One after the other."""
+    starts: npt.NDArray[np.int64]
+    """Where each of them starts, [N]."""
+    last_s: float
+    """The last row's time stamp, in seconds."""
+    is_uniform: bool
+    """Whether all of them have the same fields, of the same types and shapes."""
+
+
+def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes) -> Iterator[Encoded]:
+    """Check columns and return their rows as Message records.
 
     Args:
         times_s: Time stamps, [N], s.
@@ -34,7 +45,7 @@ def encode(
         head: Channel id and sequence number as they stand in a record.
 
     Returns:
-        An iterator over the records, where each of them starts, and the time stamp of the last one in seconds.
+        An iterator over the rows, some hundred at a time.
 
     Raises:
         TimestampError: `times_s` is missing or has a time stamp that is not finite, negative or too large.
@@ -95,7 +106,7 @@ def _is_bulk(array: Any) -> bool:
 
 def _encode_rows(
     times: npt.NDArray[np.float64], columns: Mapping[str, Any], topic: str, head: bytes
-) -> Iterator[tuple[bytes, npt.NDArray[np.int64], float]]:
+) -> Iterator[Encoded]:
     """Encode row by row what cannot be formatted in bulk."""
     for first in range(0, len(times), _SLICE):
         blobs = []
@@ -107,12 +118,12 @@ def _encode_rows(
             length = len(payload) + records.MESSAGE_LENGTH_EXCESS
             blobs.append(struct.pack("<BQ6sQQ", records.MESSAGE_OPCODE, length, head, time_ns, time_ns) + payload)
         lengths = np.array([len(blob) for blob in blobs], np.int64)
-        yield b"".join(blobs), np.cumsum(lengths) - lengths, float(times[row])
+        yield Encoded(b"".join(blobs), np.cumsum(lengths) - lengths, float(times[row]), False)
 
 
 def _encode_slices(
     times: npt.NDArray[np.float64], columns: Mapping[str, npt.NDArray[Any]], topic: str, head: bytes
-) -> Iterator[tuple[bytes, npt.NDArray[np.int64], float]]:
+) -> Iterator[Encoded]:
     arrays = {
         name: np.ascontiguousarray(array, np.float64 if array.dtype.kind == "f" else array.dtype.newbyteorder("="))
         for name, array in columns.items()
@@ -121,7 +132,7 @@ def _encode_slices(
     for first in range(0, len(times), _SLICE):
         part = slice(first, first + _SLICE)
         blob, starts = _encode_slice(times[part], times_ns[part], {k: a[part] for k, a in arrays.items()}, head)
-        yield blob, starts, float(times[part][-1])
+        yield Encoded(blob, starts, float(times[part][-1]), True)
 
 
 def _encode_slice(

@@ -41,7 +41,7 @@ _FAR_AHEAD = 2
 class Buffer:
     """One journal buffer. Appending threads fill it under the journal's lock; sealed, it is the writer's alone."""
 
-    __slots__ = ("end", "extras", "gaps", "is_large", "limit", "map", "path", "prologue", "size", "starts")
+    __slots__ = ("end", "extras", "gaps", "is_large", "limit", "map", "path", "prologue", "size", "starts", "uniform")
 
     def __init__(self, path: Path | None, size: int, is_large: bool = False) -> None:
         self.path = path
@@ -60,6 +60,8 @@ class Buffer:
         """Start and end of each Metadata record, in order."""
         self.gaps: list[tuple[int, int]] = []
         """Start and end of every record that is not a Message."""
+        self.uniform: list[tuple[int, int]] = []
+        """Runs of `starts`, by first index and the one after the last, whose rows are known to be of one form."""
         self.map = mmap.mmap(-1, mmap.PAGESIZE) if path is None else _reserve(path, size)
 
     def begin(self, prologue: bytes) -> None:
@@ -96,11 +98,12 @@ class Buffer:
         self.starts = []
         self.extras = []
         self.gaps = []
+        self.uniform = []
 
     def block(self) -> Block:
         """Return what it holds; its memory must not be given back before that is forgotten."""
         data = np.frombuffer(self.map, np.uint8)
-        return Block(data, self.prologue, self.end, self.starts, self.gaps, self.extras)
+        return Block(data, self.prologue, self.end, self.starts, self.gaps, self.extras, self.uniform)
 
     def discard(self) -> None:
         """Delete its file and give its memory back."""
@@ -293,7 +296,7 @@ class Journal:
         if self._sealed.qsize() >= _FAR_AHEAD and self.options.on_full == "block":
             self.turn.wait(_WAIT_S)
 
-    def add_many(self, block: bytes, starts: npt.NDArray[np.int64], topic: str, last_s: float) -> int:
+    def add_many(self, block: bytes, starts: npt.NDArray[np.int64], topic: str, last_s: float, is_uniform: bool) -> int:
         """Put many Message records that lie one after the other.
 
         Args:
@@ -301,6 +304,7 @@ class Journal:
             starts: Where in it each one starts, [N].
             topic: Whose rows they are.
             last_s: The last one's time stamp, in seconds.
+            is_uniform: Whether the rows are known to be of one form.
 
         Returns:
             How many were taken; fewer only with `on_full="drop"`.
@@ -320,6 +324,8 @@ class Journal:
                 return self._rotate() and put()
             at = active.end
             active.put(block[offset : int(ends[fitting - 1])])
+            if is_uniform:
+                active.uniform.append((len(active.starts), len(active.starts) + fitting - done))
             active.starts.extend((starts[done:fitting] + (at - offset)).tolist())
             self.last_s = last_s
             done = fitting
@@ -463,19 +469,12 @@ class Journal:
 
     # -- the writer thread -------------------------------------------------------------------------------------------
 
-    def take(self, timeout_s: float, at_most: int) -> tuple[list[Buffer], int | None]:
-        """Return the next sealed buffers, none after a while without one, and the mark that was put behind them."""
-        taken: list[Buffer] = []
-        with contextlib.suppress(queue.Empty):
-            found = self._sealed.get(timeout=max(timeout_s, 0.0))
-            while True:
-                if isinstance(found, int):
-                    return taken, found
-                taken.append(found)
-                if len(taken) == at_most:
-                    break
-                found = self._sealed.get_nowait()
-        return taken, None
+    def take(self, timeout_s: float) -> Buffer | int | None:
+        """Return the next sealed buffer or mark, or None after a while without one."""
+        try:
+            return self._sealed.get(timeout=max(timeout_s, 0.0))
+        except queue.Empty:
+            return None
 
     def mark(self, number: int) -> None:
         """Put a mark behind all that is sealed; `take` returns it when it comes to it."""

@@ -43,13 +43,13 @@ def merge_same_time(rows: Rows, mergeable: npt.NDArray[np.bool_], form_of: Calla
 
 
 def _groups(rows: Rows, mergeable: npt.NDArray[np.bool_]) -> Iterator[list[int]]:
-    """Yield the rows that share block, topic and nanosecond, two or more, in the order in which they were appended."""
-    order = np.lexsort((rows.times, rows.channels, rows.blocks))
+    """Yield the rows that share topic and nanosecond, two or more, in the order in which they were appended."""
+    order = np.lexsort((rows.times, rows.channels))
     channels = rows.channels[order]
     same = (np.diff(rows.times[order]) == 0) & (channels[1:] == channels[:-1])
     if not same.any():
         return
-    same &= mergeable[channels[1:]] & (np.diff(rows.blocks[order]) == 0)
+    same &= mergeable[channels[1:]]
     edges = np.diff(np.concatenate(([False], same, [False])).astype(np.int8))
     for first, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
         yield sorted(order[first : last + 1].tolist())

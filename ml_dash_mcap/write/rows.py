@@ -1,4 +1,4 @@
-"""The rows of sealed buffers, as arrays over their bytes."""
+"""The rows of a sealed buffer, as arrays over its bytes."""
 
 from __future__ import annotations
 
@@ -33,11 +33,13 @@ class Block:
     """Start and end of whatever else lies between them."""
     extras: Sequence[tuple[int, int]] = ()
     """Those of the gaps that are Metadata records."""
+    uniform: Sequence[tuple[int, int]] = ()
+    """Runs of `starts`, by first index and the one after the last, whose rows are known to be of one form."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Message records that lie one after the other, block by block, in the order in which they were appended."""
+    """Message records that lie one after the other, in the order in which they were appended."""
 
     data: Bytes
     """The records and nothing else; writable."""
@@ -45,12 +47,12 @@ class Rows:
     """Offset of each record, [N]."""
     ends: Numbers
     """Offset after each record, [N]."""
-    blocks: Numbers
-    """Which block each row is from, [N], ascending from 0."""
     channels: Numbers
     """Channel id of each row, [N]."""
     times: Numbers
     """Log time of each row, [N], ns."""
+    uniform: Sequence[tuple[int, int]] = ()
+    """Runs of rows, by first number and the one after the last, that are known to be of one form."""
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -65,32 +67,25 @@ class Rows:
         self.data[at] = sequence.astype("<u4").view(np.uint8).reshape(-1, 4)
 
 
-def pack(blocks: Sequence[Block]) -> Rows:
-    """Return the rows of blocks, copying only where something lies between them."""
+def pack(block: Block) -> Rows:
+    """Return the rows of a block, copying only where something lies between them."""
+    starts = np.array(block.starts, np.int64)
     runs: list[Bytes] = []
-    starts: list[Numbers] = []
-    offset = 0
-    for block in blocks:
-        at = np.array(block.starts, np.int64)
-        moved = at + (offset - block.begin)
-        run_begin = block.begin
-        for gap_begin, gap_end in block.gaps:
-            moved[at >= gap_end] -= gap_end - gap_begin
-            runs.append(block.data[run_begin:gap_begin])
-            run_begin = gap_end
-        runs.append(block.data[run_begin : block.end])
-        starts.append(moved)
-        offset += block.end - block.begin - sum(end - begin for begin, end in block.gaps)
+    begin, moved = block.begin, starts - block.begin
+    for gap_begin, gap_end in block.gaps:
+        moved[starts >= gap_end] -= gap_end - gap_begin
+        runs.append(block.data[begin:gap_begin])
+        begin = gap_end
+    runs.append(block.data[begin : block.end])
     data = runs[0] if len(runs) == 1 else np.concatenate(runs)
-    first = starts[0] if len(starts) == 1 else np.concatenate(starts)
-    heads = data[first[:, None] + np.arange(records.MESSAGE_HEAD)].view(records.MESSAGE_HEAD_DTYPE).ravel()
+    heads = data[moved[:, None] + np.arange(records.MESSAGE_HEAD)].view(records.MESSAGE_HEAD_DTYPE).ravel()
     return Rows(
         data,
-        first,
-        first + heads["length"].astype(np.int64) + 9,
-        np.repeat(np.arange(len(blocks)), [len(block.starts) for block in blocks]),
+        moved,
+        moved + heads["length"].astype(np.int64) + 9,
         heads["channel"].astype(np.int64),
         heads["log_time"].astype(np.int64),
+        block.uniform,
     )
 
 
@@ -117,7 +112,7 @@ def replaced(rows: Rows, keep: npt.NDArray[np.bool_], payloads: dict[int, tuple[
         times[row] = time
     lengths = np.fromiter(map(len, pieces), np.int64, len(pieces))
     ends = np.cumsum(lengths)
-    return Rows(np.concatenate(pieces), ends - lengths, ends, rows.blocks[keep], rows.channels[keep], times[keep])
+    return Rows(np.concatenate(pieces), ends - lengths, ends, rows.channels[keep], times[keep])
 
 
 def message(channel: int, time_ns: int, payload: bytes) -> bytes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -160,19 +160,14 @@ class Segment:
         self._write(record)
         self.contents.metadata.append(MetadataIndex(offset=at, length=len(record), name=name))
 
-    def add_chunks(self, chunks: Sequence[Chunk]) -> None:
-        """Write chunks, each with its message indexes behind it, in one call."""
-        position = self.size
-        self._write(*(piece for chunk in chunks for piece in (chunk.head, chunk.data, *chunk.indexes.values())))
-        for chunk in chunks:
-            at, position = position, position + chunk.length
-            offsets = {}
-            for channel, index in chunk.indexes.items():
-                offsets[channel] = position
-                position += len(index)
-            self._note_chunk(chunk, at, offsets, position - at - chunk.length)
-
-    def _note_chunk(self, chunk: Chunk, at: int, index_offsets: dict[int, int], index_length: int) -> None:
+    def add_chunk(self, chunk: Chunk) -> None:
+        """Write a chunk and its message indexes in one call."""
+        at = self.size
+        self._write(chunk.head, chunk.data, *chunk.indexes.values())
+        offsets, position = {}, at + chunk.length
+        for channel, index in chunk.indexes.items():
+            offsets[channel] = position
+            position += len(index)
         self.contents.chunks.append(
             ChunkIndex(
                 chunk_length=chunk.length,
@@ -180,8 +175,8 @@ class Segment:
                 compression=chunk.compression,
                 compressed_size=len(chunk.data),
                 message_end_time=chunk.end_ns,
-                message_index_length=index_length,
-                message_index_offsets=index_offsets,
+                message_index_length=position - at - chunk.length,
+                message_index_offsets=offsets,
                 message_start_time=chunk.start_ns,
                 uncompressed_size=chunk.uncompressed_size,
             )

@@ -6,7 +6,7 @@ import errno
 import logging
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from ..errors import StorageError
 from .blocks import BlockWriter
@@ -18,10 +18,6 @@ _CLOSE_PATIENCE_S = 5.0
 """How long `close` goes on trying to write to a disk that refuses, in seconds."""
 
 _THE_END = -1
-
-_BATCH = 1
-"""Sealed buffers that are written together when they have piled up. Each call that lets the control loop run costs the
-writer up to 5 ms until it may go on, so it makes a fixed number of them a batch."""
 
 _DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT}
 
@@ -36,10 +32,10 @@ class _Alongside:
         self._compress = compress
         self._turn = turn
 
-    def __call__(self, blocks: list[memoryview]) -> Sequence[Compressed]:
+    def __call__(self, block: memoryview) -> Compressed:
         self._turn.set()
         try:
-            return self._compress(blocks)
+            return self._compress(block)
         finally:
             self._turn.clear()
 
@@ -125,15 +121,15 @@ class Writer:
                 self._progress.notify_all()
 
     def _step(self) -> bool:
-        """Handle some sealed buffers, or one tick of the clock; returns whether to go on."""
-        buffers, mark = self._journal.take(self._tick_at() - time.monotonic(), _BATCH)
-        if buffers:
-            self._write(buffers)
-        if mark == _THE_END:
+        """Handle a sealed buffer, a mark or a tick of the clock; returns whether to go on."""
+        taken = self._journal.take(self._tick_at() - time.monotonic())
+        if isinstance(taken, Buffer):
+            self._write(taken)
+        elif taken == _THE_END:
             return False
-        if mark is not None:
+        elif taken is not None:
             with self._progress:
-                self._done = max(self._done, mark)
+                self._done = max(self._done, taken)
                 self._progress.notify_all()
         if time.monotonic() >= self._tick_at():
             self._last_seal = time.monotonic()
@@ -146,17 +142,15 @@ class Writer:
         interval = min(options.flush_interval_s, options.sync_interval_s or float("inf"))
         return self._last_seal + interval
 
-    def _write(self, buffers: list[Buffer]) -> None:
-        self._write_blocks(buffers)
-        count = sum(len(buffer.starts) for buffer in buffers)
+    def _write(self, buffer: Buffer) -> None:
+        self._write_block(buffer)
         with self._journal.lock:
-            self.rows_written += count
-        for buffer in buffers:
-            self._journal.recycle(buffer)
+            self.rows_written += len(buffer.starts)
+        self._journal.recycle(buffer)
         self._sync_if_due()
 
-    def _write_blocks(self, buffers: list[Buffer]) -> None:
-        prepared = self._blocks.prepare([buffer.block() for buffer in buffers])
+    def _write_block(self, buffer: Buffer) -> None:
+        prepared = self._blocks.prepare(buffer.block())
         self._persist(lambda: self._blocks.commit(prepared))
 
     def _sync_if_due(self) -> None:
