@@ -94,6 +94,10 @@ class EncodingError(RecorderError, ValueError):
     """Messages in an encoding that this library does not decode."""
 
 
+class EntryNotFoundError(NotFoundError, StorageError):
+    """No entry at or before a time: a KeyError, as ml-dash promises, and a StorageError, as it does."""
+
+
 class DamagedFileError(RecorderError, ValueError):
     """A file that is no MCAP, or whose bytes contradict themselves.
 

@@ -19,7 +19,7 @@ from . import clock
 from .errors import FieldError, StorageError, TopicError
 from .options import RecorderOptions
 from .recovery import recover_leftovers
-from .rows.encode import dumps, plain
+from .rows.encode import dumps, plain, plain_list
 from .timestamps import stamper
 from .topic import OWN_TOPICS, EventTopic, Topic, check_topic
 from .version import LIBRARY
@@ -269,7 +269,7 @@ def _parameter_text(name: str, value: Any) -> str:
     """Spell a parameter as JSON, with Python's `NaN` and `Infinity` where it has them."""
     try:
         text = dumps(value, plain)
-        return text.decode() if b"null" not in text else json.dumps(value, default=plain)
+        return text.decode() if b"null" not in text else json.dumps(value, default=plain_list)
     except (TypeError, ValueError) as error:
         raise FieldError(f"parameter {name!r}: a {type(value).__qualname__} cannot be stored: {error}") from error
 

@@ -18,6 +18,7 @@ from .read.file import File
 from .read.records import Chunk
 from .read.segments import Segments
 from .read.topics import TopicInfo
+from .recovery import recover_leftovers
 from .rows.columns import check_columns
 
 Row = dict[str, Any]
@@ -57,7 +58,7 @@ class Recording:
         self._closed = False
         self._infos: dict[str, TopicInfo] = {}
         if self.path.is_dir():
-            _fold_in_leftovers(self.path)
+            recover_leftovers(self.path)
         self._segments = Segments(self.path)
 
     @property
@@ -90,7 +91,7 @@ class Recording:
         start_timestamp: float | None = None,
         end_timestamp: float | None = None,
         columns: Iterable[str] | None = None,
-        format: str = "json",  # noqa: A002 (ml-dash's name)
+        format: str = "json",
     ) -> Any:
         """Return a topic's rows like `TopicReader.read`; without any rows if there is no such topic."""
         render = FORMATS.get(format)
@@ -232,7 +233,7 @@ class TopicReader:
         start_timestamp: float | None = None,
         end_timestamp: float | None = None,
         columns: Iterable[str] | None = None,
-        format: str = "json",  # noqa: A002 (ml-dash's name)
+        format: str = "json",
     ) -> Any:
         """Return rows in one of the formats; nested dicts become dotted names.
 
@@ -275,15 +276,6 @@ class TopicReader:
 
     def __repr__(self) -> str:
         return f"TopicReader({self.name!r} of {str(self._recording.path)!r})"
-
-
-def _fold_in_leftovers(folder: Path) -> None:
-    """Give the rows that a dead recorder left in its journal a place in the recording."""
-    try:
-        from .recovery import recover_leftovers
-    except ImportError:
-        return
-    recover_leftovers(folder)
 
 
 def _from_json(text: str) -> Any:

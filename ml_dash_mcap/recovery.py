@@ -168,7 +168,8 @@ def _channel_info(channel: read.Channel, schemas: dict[int, read.Schema]) -> Cha
     metadata = dict(channel.metadata)
     kind = metadata.pop(KIND_KEY, TRACK)
     schema = schemas[channel.schema_id]
-    fixed = None if kind == TRACK else json.loads(schema.data)
+    said = json.loads(schema.data)
+    fixed = said if "properties" in said else None  # an inferred one is still bare in the journal
     return ChannelInfo(channel.id, channel.topic, kind, metadata, fixed, schema.name)
 
 

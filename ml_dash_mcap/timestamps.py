@@ -30,8 +30,14 @@ class Stamper(Protocol):
 
     journal: LastUsed
 
-    def resolve(self, given: Any, topic: str) -> float:
-        """Return the time stamp to use, in seconds, for what was given as `_ts`."""
+    def resolve(self, given: Any, topic: str, last_s: float | None = None) -> float:
+        """Return the time stamp to use, in seconds, for what was given as `_ts`.
+
+        Args:
+            given: What the caller said.
+            topic: For the error messages.
+            last_s: The last one used, if it is not the journal's yet.
+        """
 
 
 def stamper(rule: str) -> Stamper:
@@ -52,7 +58,7 @@ class Strict:
 
     journal: LastUsed
 
-    def resolve(self, given: Any, topic: str) -> float:
+    def resolve(self, given: Any, topic: str, last_s: float | None = None) -> float:
         """Return the time stamp to use, in seconds.
 
         Raises:
@@ -87,7 +93,7 @@ class Automatic:
     def __init__(self) -> None:
         self._last_automatic = 0.0
 
-    def resolve(self, given: Any, topic: str) -> float:
+    def resolve(self, given: Any, topic: str, last_s: float | None = None) -> float:
         """Return the time stamp to use, in seconds.
 
         Raises:
@@ -101,7 +107,8 @@ class Automatic:
                 f"_ts must be a number (seconds since epoch), got {type(given).__name__} {given!r} on topic {topic!r}"
             )
         if seconds == INHERIT:
-            last_s = self.journal.last_s
+            if last_s is None:
+                last_s = self.journal.last_s
             return self._automatic() if last_s is None else last_s
         return _in_range(seconds, topic)
 

@@ -114,7 +114,9 @@ class Topic:
         Raises:
             As `append`; the message names the row's index.
         """
-        tails = [self._encode_row(index, row) for index, row in enumerate(rows)]
+        tails: list[tuple[bytes, float]] = []
+        for index, row in enumerate(rows):
+            tails.append(self._encode_row(index, row, tails[-1][1] if tails else None))
         for tail, time_s in tails:
             self._put(tail, time_s)
         return self
@@ -178,22 +180,22 @@ class Topic:
         time_ns = clock.to_nanoseconds(time_s)
         return _pack_tail(len(payload) + 22, self._head, time_ns, time_ns) + payload
 
-    def _encode_row(self, index: int, row: Mapping[str, Any]) -> tuple[bytes, float]:
+    def _encode_row(self, index: int, row: Mapping[str, Any], last_s: float | None) -> tuple[bytes, float]:
         try:
             fields = dict(row)
         except (TypeError, ValueError) as error:
             raise FieldError(f"append_batch() on topic {self.name!r}: row {index} is {row!r}, not a dict") from error
         try:
-            time_s = self._time(fields.pop(TIME_KEY, MISSING))
+            time_s = self._time(fields.pop(TIME_KEY, MISSING), last_s)
             if "timestamp" in fields or EXACT_KEY in fields:
                 fields = self._accept((), fields.pop("timestamp", _UNSET), fields.get(EXACT_KEY, _UNSET), fields)
             return self._encode(fields, time_s), time_s
         except (TypeError, ValueError) as error:
             raise type(error)(f"row {index} of the batch: {error}") from error
 
-    def _time(self, given: Any) -> float:
+    def _time(self, given: Any, last_s: float | None = None) -> float:
         """Return the time stamp of a row, in seconds, by the recorder's rule for missing and inherited ones."""
-        return self._recorder._stamper.resolve(given, self.name)
+        return self._recorder._stamper.resolve(given, self.name, last_s)
 
     def _accept(
         self, positional: tuple[Any, ...], timestamp: Any, exact_key: Any, fields: dict[str, Any]

@@ -15,28 +15,23 @@ ROOT = Path(__file__).resolve().parent.parent / PACKAGE
 
 FLOORS: list[set[str]] = [
     {"version", "errors", "clock"},
-    {"options", "timestamps", "paths", "utc", "definitions", "lookup", "images"},
+    {"options", "timestamps", "paths", "definitions", "lookup"},
     {"rows"},
     {"write", "read"},
     {"recovery", "export"},
     {"topic", "recording"},
     {"recorder"},
-    {"live", "readback", "pages", "parameters", "metrics", "logs", "run"},
-    {"file_store", "files"},
-    {"tracks", "session_files"},
-    {"session_tracks"},
+    {"run"},
     {"experiment", "session"},
 ]
-"""Rooms by floor, the lowest first. A room imports from lower floors, and from its own floor where `BESIDE` says so."""
-
-BESIDE: set[tuple[str, str]] = set()
+"""Rooms by floor, the lowest first; a room imports from lower floors only."""
 
 HEAVY = {
     "pyarrow": {"rows.table", "export.parquet"},
     "rosbags": set[str](),
     "google": set[str](),
     "mcap_protobuf": set[str](),
-    "PIL": {"images"},
+    "PIL": {"run.images"},
     "rich": set[str](),
 }
 """Which modules may import a heavy library."""
@@ -73,14 +68,18 @@ def judge(path: Path, line: int, room: str, other: str) -> Iterator[str]:
         if name not in floors:
             yield f"{path.name}:{line}: {name} stands on no floor; say in tools/check_imports.py where it belongs"
             return
-    if floors[other] > floors[room] or (floors[other] == floors[room] and (room, other) not in BESIDE):
+    if floors[other] >= floors[room]:
         yield f"{path.name}:{line}: {room} imports {other}, which does not lie below it"
 
 
 def imports(path: Path, parts: tuple[str, ...]) -> Iterator[tuple[int, str]]:
     """Yield the line and the absolute name of everything that a module imports."""
     package = [PACKAGE, *parts[:-1]]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for_types = {inner for node in ast.walk(tree) if is_for_types(node) for inner in ast.walk(node)}
+    for node in ast.walk(tree):
+        if node in for_types:
+            continue
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -90,6 +89,11 @@ def imports(path: Path, parts: tuple[str, ...]) -> Iterator[tuple[int, str]]:
                 yield node.lineno, ".".join(module)
             else:
                 yield from ((node.lineno, ".".join([*module, alias.name])) for alias in node.names)
+
+
+def is_for_types(node: ast.AST) -> bool:
+    """Whether a node is an `if TYPE_CHECKING:`, whose imports nobody makes."""
+    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
 
 
 if __name__ == "__main__":

@@ -138,8 +138,8 @@ class BlockWriter:
         forms = np.full(len(rows), -1, np.int32)
         for first, last in rows.uniform:
             forms[first:last] = self._skeletons_of(rows, first).learn(rows.payload(first))
-        tracks = [number for number, info in list(self._channels.items()) if info.kind == TRACK]
-        unknown = (forms < 0) & np.isin(rows.channels, tracks)
+        inferred = [number for number, info in list(self._channels.items()) if info.schema is None]
+        unknown = (forms < 0) & np.isin(rows.channels, inferred)
         if unknown.any():
             bones = Bones(rows.data, rows.starts + records.MESSAGE_HEAD, rows.ends)
             for number in np.unique(rows.channels[unknown]).tolist():

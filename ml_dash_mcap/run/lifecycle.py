@@ -1,0 +1,156 @@
+"""The life of a run: started, then completed, failed or cancelled, and perhaps started again."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Iterable, Mapping
+from types import TracebackType
+from typing import Any, Generic, TypeVar
+
+from ..errors import FieldError, StateError, UsageError
+from ..options import RecorderOptions
+from ..rows import encode
+from .live import Live, Status
+from .tracks import TrackT
+
+OwnerT = TypeVar("OwnerT")
+
+_log = logging.getLogger("ml_dash_mcap")
+
+
+class Run(Generic[OwnerT, TrackT]):
+    """Starts and ends a run; also a context manager, which yields the experiment.
+
+    An exception in the body marks the run as failed; everything appended is written, and the exception goes on (with
+    a note, if closing fails too).
+
+    Example:
+        >>> with Experiment("alice/franka/demo").run as exp:
+        ...     exp.tracks("robot").append(q=[0.1, 0.2], _ts=0.0)
+    """
+
+    __slots__ = ("_begin", "_owner", "live", "status")
+
+    def __init__(self, owner: OwnerT, begin: Callable[[], Live[TrackT]]) -> None:
+        """Make a run that has not started.
+
+        Args:
+            owner: What `start` returns: the experiment.
+            begin: Opens the recorder.
+        """
+        self._owner = owner
+        self._begin = begin
+        self.live: Live[TrackT] | None = None
+        """What the run consists of while it is recorded, else None."""
+        self.status: Status | None = None
+        """How the run stands; None before its first start."""
+
+    def start(self) -> OwnerT:
+        """Start recording; does nothing while it is started. After its end, a run starts again and is added to.
+
+        Raises:
+            StorageError: The run's folder cannot be made, written or locked.
+        """
+        if self.live is None:
+            self.live = self._begin()
+            self.status = "running"
+        return self._owner
+
+    def complete(self) -> None:
+        """End the run as completed: write everything and close. Does nothing after its end.
+
+        Raises:
+            StateError: It was never started.
+        """
+        self._end("completed")
+
+    def fail(self, error: BaseException | None = None) -> None:
+        """End the run as failed: write everything and close. Does nothing after its end.
+
+        Args:
+            error: Why; its type and text are kept.
+
+        Raises:
+            StateError: It was never started.
+        """
+        self._end("failed", error)
+
+    def cancel(self) -> None:
+        """End the run as cancelled: write everything and close. Does nothing after its end.
+
+        Raises:
+            StateError: It was never started.
+        """
+        self._end("cancelled")
+
+    def __enter__(self) -> OwnerT:
+        return self.start()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.complete()
+            return
+        try:
+            self.fail(error)
+        except Exception as trouble:  # the body's exception goes on; what came of closing must not replace it
+            said = f"closing the run after this also failed: {type(trouble).__name__}: {trouble}"
+            _log.error("%s: %s", type(error).__name__, said)
+            if hasattr(error, "add_note"):
+                error.add_note(said)
+
+    def _end(self, status: Status, error: BaseException | None = None) -> None:
+        if self.status is None:
+            raise StateError("the run was never started; use 'with experiment.run:' or call experiment.run.start()")
+        live, self.live = self.live, None
+        if live is None:
+            return
+        self.status = status
+        live.end(status, error)
+
+
+def describe(
+    *,
+    readme: str | None = None,
+    description: str | None = None,
+    tags: Iterable[str] | None = None,
+    bindrs: Iterable[str] | None = None,
+    metadata: Mapping[str, Any] | None = None,
+) -> dict[str, str]:
+    """Return what a caller says about a run as the text values of a metadata record.
+
+    Raises:
+        FieldError: The metadata hold a value that cannot be stored.
+    """
+    said = {name: text for name, text in (("readme", readme), ("description", description)) if text is not None}
+    for name, listed in (("tags", tags), ("bindrs", bindrs)):
+        if listed is not None:
+            said[name] = _json_text(name, [listed] if isinstance(listed, str) else list(listed))
+    if metadata is not None:
+        said["metadata"] = _json_text("metadata", dict(metadata))
+    return said
+
+
+def _json_text(name: str, value: Any) -> str:
+    try:
+        return json.dumps(value, default=encode.plain_list, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise FieldError(f"{name}={value!r} has no JSON: {error}") from error
+
+
+def choose_options(options: RecorderOptions | None, buffer_config: Any) -> RecorderOptions:
+    """Return a recorder's options from those given, ml-dash's `buffer_config`, or the environment.
+
+    Raises:
+        UsageError: Both are given.
+        OptionError: A value is out of its range, or a name unknown.
+    """
+    if options is None:
+        return RecorderOptions.from_environment(buffer_config=buffer_config)
+    if buffer_config is not None:
+        raise UsageError("options= and buffer_config= both say how to buffer; pass one")
+    if not isinstance(options, RecorderOptions):
+        raise UsageError(f"options={options!r} is of type {type(options).__name__}; pass RecorderOptions(...)")
+    return options

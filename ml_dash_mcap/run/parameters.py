@@ -1,0 +1,126 @@
+"""Parameters of a run: nested values under dotted names, merged call by call."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import orjson
+
+from ..recorder import Recorder
+from ..rows import encode
+from .readback import Readback
+
+RECORD = "ml_dash.parameters"
+"""The metadata record that holds them."""
+
+
+class Parameters:
+    """Sets and gets the parameters of a run; any thread may call it.
+
+    Example:
+        >>> exp.params.set(model={"lr": 1e-3, "layers": 4}, optimizer="adam")
+        >>> exp.params.get()
+        {'model.lr': 0.001, 'model.layers': 4, 'optimizer': 'adam'}
+    """
+
+    __slots__ = ("_earlier", "_merge_lock", "_readback", "_recorder", "_values")
+
+    def __init__(self, recorder: Recorder, readback: Readback) -> None:
+        """Make the parameters of a run.
+
+        Args:
+            recorder: Where they are kept.
+            readback: Where those of earlier runs are read.
+        """
+        self._recorder = recorder
+        self._readback = readback
+        self._merge_lock = threading.Lock()
+        """Guards the values, and keeps them in the order of the records in the file."""
+        self._values: dict[str, Any] = {}
+        self._earlier: dict[str, Any] | None = None
+        """Those of earlier runs, once they were asked for."""
+
+    def set(self, **values: Any) -> Parameters:
+        """Set parameters, and leave those that are not named as they are.
+
+        Nested dicts, dataclasses and classes (their public attributes) are flattened to dotted names; numpy values,
+        tuples and the like become plain ones.
+
+        Raises:
+            FieldError: A value cannot be stored.
+            StateError: The recording is closed.
+        """
+        flat = flatten(values)
+        with self._merge_lock:
+            self._recorder.set_parameters(flat)
+            self._values.update({name: _as_stored(name, value) for name, value in flat.items()})
+        return self
+
+    def log(self, **values: Any) -> Parameters:
+        """Set parameters: another name of `set`."""
+        return self.set(**values)
+
+    def get(self, flatten: bool = True) -> dict[str, Any]:
+        """Return all parameters, those of earlier runs under the same prefix included.
+
+        Args:
+            flatten: Whether to leave them under their dotted names; False gives nested dicts.
+
+        Raises:
+            DamagedFileError: A file of an earlier run is damaged.
+            StateError: The recording is closed.
+        """
+        self._readback.check_open()
+        with self._merge_lock:
+            if self._earlier is None:
+                self._earlier = self._readback.earlier_parameters()
+            values = deepcopy({**self._earlier, **self._values})
+        return values if flatten else nest(values)
+
+
+def flatten(values: Mapping[Any, Any], parent: str = "") -> dict[str, Any]:
+    """Return nested values under dotted names; an empty dict stays a value."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        name = f"{parent}{key}"
+        inner = _fields(value)
+        if inner:
+            flat.update(flatten(inner, f"{name}."))
+        else:
+            flat[name] = value if inner is None else {}
+    return flat
+
+
+def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """Undo `flatten`; a name that lies inside another one's plain value stays dotted."""
+    nested: dict[str, Any] = {}
+    for name in sorted(flat, key=lambda name: name.count(".")):
+        *parents, last = name.split(".")
+        place: Any = nested
+        for parent in parents:
+            place = place.setdefault(parent, {}) if isinstance(place, dict) else None
+        if isinstance(place, dict):
+            place[last] = flat[name]
+        else:
+            nested[name] = flat[name]
+    return nested
+
+
+def _as_stored(name: str, value: Any) -> Any:
+    """Return a value as it comes back from the file: a copy, made of plain types."""
+    return encode.restore(orjson.loads(encode.exact({name: value}, RECORD)))[name]
+
+
+def _fields(value: Any) -> dict[str, Any] | None:
+    """Return what a value consists of that has dotted names of its own, or None if it is a plain one."""
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, type):
+        return {k: v for k, v in vars(value).items() if not k.startswith("_") and not callable(v)}
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    return None

@@ -1,0 +1,136 @@
+"""Reading what this process is recording."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..errors import DamagedFileError, MissingRecordingError, StateError
+from ..recorder import Recorder
+from ..recording import Recording
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What is known of one topic."""
+
+    count: int = 0
+    """Rows, after merging those of one time stamp."""
+    times_s: tuple[float, float] | None = None
+    """First and last time stamp; None without rows."""
+    said: dict[str, Any] = field(default_factory=dict)
+    """Its description, tags and metadata."""
+
+
+class Readback:
+    """Reads a run's folder, flushing first, so that every row appended so far is there; any thread may call it."""
+
+    __slots__ = ("_earlier", "_opening_lock", "_recorder", "_recording", "begun_s")
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+        self._opening_lock = threading.Lock()
+        """Guards the opening and refreshing of the recording."""
+        self._recording: Recording | None = None
+        self.begun_s = time.time()
+        """When this process began to record, s since 1970."""
+        self._earlier: Recording | DamagedFileError | None = None
+
+    def recording(self) -> Recording:
+        """Return the folder as a recording, which knows of everything appended so far.
+
+        Raises:
+            StateError: The recorder is closed.
+        """
+        self.check_open()
+        self._recorder.flush()
+        with self._opening_lock:
+            if self._recording is None:
+                self._recording = Recording(self._recorder.path)
+            else:
+                self._recording.refresh()
+            return self._recording
+
+    def check_open(self) -> None:
+        """Raise StateError if the recorder is closed."""
+        if self._recorder.closed:
+            path = str(self._recorder.path)
+            raise StateError(f"the recording in {path} is closed; Recording({path!r}) reads it")
+
+    def remember_earlier(self) -> None:
+        """Keep what the folder holds now apart from what will be recorded; damage in it keeps no run from starting."""
+        try:
+            self._earlier = Recording(self._recorder.path)
+        except MissingRecordingError:
+            self._earlier = None
+        except DamagedFileError as error:
+            self._earlier = error
+
+    def earlier_parameters(self) -> dict[str, Any]:
+        """Return the parameters of earlier runs in this folder, by dotted name.
+
+        Raises:
+            DamagedFileError: A file of theirs is damaged.
+        """
+        if isinstance(self._earlier, DamagedFileError):
+            raise self._earlier
+        return {} if self._earlier is None else self._earlier.params
+
+    def earlier_count(self, topic: str) -> int:
+        """Return how many rows a topic has from earlier runs in this folder; 0 if damage hides it."""
+        earlier = self._earlier
+        if not isinstance(earlier, Recording) or topic not in earlier:
+            return 0
+        try:
+            return earlier[topic].info.count
+        except DamagedFileError:
+            return 0
+
+    def rows(
+        self,
+        topic: str,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Sequence[str] | None = None,
+    ) -> Iterator[dict[str, Any]]:
+        """Yield a topic's rows, nested as they were given and with `_ts`, in time order; none if it has none.
+
+        Args:
+            topic: Its name.
+            start_timestamp: The first time wanted, in seconds, included.
+            end_timestamp: The last time wanted, in seconds, included.
+            columns: The fields wanted; None is all.
+        """
+        recording = self.recording()
+        if topic not in recording:
+            return iter(())
+        return recording[topic].rows(start_timestamp, end_timestamp, columns)
+
+    def about(self, topic: str) -> About:
+        """Return what is known of a topic."""
+        recording = self.recording()
+        if topic not in recording:
+            return About()
+        info = recording[topic].info
+        times_s = None if info.start is None or info.end is None else (info.start, info.end)
+        said = {"description": info.description, "tags": list(info.tags), "metadata": dict(info.metadata) or None}
+        return About(info.count, times_s, said)
+
+    def tracks(self) -> list[str]:
+        """Return the names of the tracks that have rows, sorted."""
+        return [name for name, info in self.recording().topics.items() if info.count]
+
+    def metrics(self) -> list[str]:
+        """Return the names of the metrics, sorted."""
+        return list(self.recording().metrics)
+
+    def close(self) -> None:
+        """Close the recording's files; may be called twice."""
+        with self._opening_lock:
+            for recording in (self._recording, self._earlier):
+                if isinstance(recording, Recording):
+                    recording.close()
+            self._recording = self._earlier = None

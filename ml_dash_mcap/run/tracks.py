@@ -1,0 +1,225 @@
+"""Tracks in ml-dash's words: topics that can be appended to and read while they are recorded."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Generic, TypeVar, overload
+
+from ..errors import EntryNotFoundError, FieldError, RangeError
+from ..recorder import Recorder
+from ..topic import Topic, check_topic
+from .readback import Readback
+
+Entry = dict[str, Any]
+"""A row under flat, dotted names, its time stamp (s) under `timestamp`."""
+
+
+class BoundTopic(Topic):
+    """A topic that knows where its rows are read back."""
+
+    __slots__ = ("_readback",)
+
+    _readback: Readback
+
+    def bind(self, readback: Readback) -> None:
+        """Say where to read; called by whoever opens the topic."""
+        self._readback = readback
+
+    def note_flush(self) -> None:
+        """Learn that everything appended so far was flushed together with other topics."""
+
+
+class Track(BoundTopic):
+    """One topic of an experiment.
+
+    `append`, `append_batch`, `append_columns` and `flush` are the topic's own, and any thread may call them; reading
+    flushes first.
+
+    Example:
+        >>> exp.tracks("robot").append(q=[0.1, 0.2], _ts=0.0).append(q=[0.2, 0.3], _ts=0.1)
+        >>> exp.tracks("robot").read(start_timestamp=0.0, end_timestamp=0.05)
+        {'entries': [{'timestamp': 0.0, 'q': [0.1, 0.2]}], 'count': 1}
+    """
+
+    __slots__ = ()
+
+    def read(
+        self,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Sequence[str] | None = None,
+        format: str = "json",
+    ) -> Any:
+        """Return the rows of a time range, merged and sorted by time, earlier runs under this prefix included.
+
+        Args:
+            start_timestamp: The first time wanted, in seconds, included; None is the beginning.
+            end_timestamp: The last time wanted, in seconds, included; None is the end.
+            columns: The fields wanted; nested ones under dotted names, of which a part such as "camera" takes all
+                below it. None and an empty list are all.
+            format: What to return:
+
+                - "json": `{"entries": [{"timestamp": s, field: value, ...}, ...], "count": rows}`
+                - "jsonl": bytes, an entry a line
+                - "parquet", "mcap": bytes of such a file
+                - "mocap": a dict of metadata, channels and frames
+
+        Raises:
+            FormatError: ml-dash's "Unsupported format"; a ValueError.
+            RangeError: A time is no number, or the end lies before the start.
+            StateError: The run has ended; `Recording(path)` reads it.
+        """
+        return self._readback.recording().read(
+            self.name, start_timestamp=start_timestamp, end_timestamp=end_timestamp, columns=columns, format=format
+        )
+
+    def list_entries(self) -> list[Entry]:
+        """Return all rows, as `read()["entries"]`."""
+        entries: list[Entry] = self.read()["entries"]
+        return entries
+
+    def slice(self, start_timestamp: float | None = None, end_timestamp: float | None = None) -> TrackSlice:
+        """Return the rows of a time range, both ends included, for iterating and for finding by time."""
+        return TrackSlice(self, start_timestamp, end_timestamp)
+
+    def _with_timestamp_field(self, timestamp: Any, fields: dict[str, Any]) -> dict[str, Any]:
+        raise FieldError(
+            f"append() on topic {self.name!r}: the field name 'timestamp' is taken, rows are read back with their time"
+            " under it; rename the field, or pass the row's time as _ts="
+        )
+
+
+class TrackSlice:
+    """The rows of a time range as they were when the slice was first used."""
+
+    __slots__ = ("_end_timestamp", "_entries", "_start_timestamp", "_times_s", "_track")
+
+    def __init__(self, track: Track, start_timestamp: float | None, end_timestamp: float | None) -> None:
+        self._track = track
+        self._start_timestamp = start_timestamp
+        self._end_timestamp = end_timestamp
+        self._entries: list[Entry] | None = None
+        self._times_s: list[float] = []
+
+    def __repr__(self) -> str:
+        return f"TrackSlice({self._track.name!r}, start={self._start_timestamp}, end={self._end_timestamp})"
+
+    def __len__(self) -> int:
+        return len(self._load())
+
+    def __iter__(self) -> Iterator[Entry]:
+        return iter(self._load())
+
+    @overload
+    def findByTime(self, timestamp: float) -> Entry: ...
+
+    @overload
+    def findByTime(self, timestamp: Iterable[float]) -> list[Entry]: ...
+
+    def findByTime(self, timestamp: float | Iterable[float]) -> Entry | list[Entry]:
+        """Return the last entry at or before a time, or a list of such entries for a list of times.
+
+        Args:
+            timestamp: In seconds.
+
+        Raises:
+            EntryNotFoundError: All entries are later, or there is none; a KeyError.
+            RangeError: A time is no number.
+        """
+        if isinstance(timestamp, Iterable) and not isinstance(timestamp, str) and getattr(timestamp, "ndim", None) != 0:
+            return [self._find(one) for one in timestamp]
+        return self._find(timestamp)
+
+    def _find(self, timestamp: Any) -> Entry:
+        entries = self._load()
+        if not entries:
+            raise EntryNotFoundError("No entries in track slice")
+        try:
+            seconds = float(timestamp)
+        except (TypeError, ValueError):
+            seconds = math.nan
+        if math.isnan(seconds):
+            raise RangeError(f"findByTime({timestamp!r}): a time is a number of seconds")
+        place = bisect_right(self._times_s, seconds)
+        if place == 0:
+            raise EntryNotFoundError(
+                f"No entry found with timestamp <= {timestamp}. Earliest timestamp: {self._times_s[0]}"
+            )
+        return entries[place - 1]
+
+    def _load(self) -> list[Entry]:
+        entries = self._entries
+        if entries is None:
+            entries = self._track.read(self._start_timestamp, self._end_timestamp)["entries"]
+            self._times_s = [entry["timestamp"] for entry in entries]
+            self._entries = entries
+        return entries
+
+
+TrackT = TypeVar("TrackT", bound=BoundTopic)
+
+
+class Tracks(Generic[TrackT]):
+    """Gives the tracks of a run by topic; any thread may call it.
+
+    Example:
+        >>> exp.tracks("robot/pose").append(q=[0.1, -0.22, 0.45], _ts=0.0)
+        >>> exp.tracks.flush()
+        >>> exp.tracks.list()
+        ['robot/pose']
+    """
+
+    __slots__ = ("_kind", "_opened", "_readback", "_recorder")
+
+    def __init__(self, recorder: Recorder, readback: Readback, kind: type[TrackT]) -> None:
+        """Make the tracks of a run.
+
+        Args:
+            recorder: Where the rows go.
+            readback: Where they are read.
+            kind: The class of the tracks.
+        """
+        self._recorder = recorder
+        self._readback = readback
+        self._kind = kind
+        self._opened: dict[str, TrackT] = {}
+
+    def __call__(
+        self,
+        topic: str,
+        description: str | None = None,
+        tags: Sequence[str] | None = None,
+        metadata: Mapping[str, Any] | None = None,
+    ) -> TrackT:
+        """Return the track of a topic, the same object each time.
+
+        Args:
+            topic: Such as "robot/pose".
+            description: Kept with the topic, as are `tags` and `metadata`; they may come at any call.
+
+        Raises:
+            TopicError: The topic is empty, too long, or one of the library's own.
+            UsageError: It is no text.
+            StateError: The run has ended.
+        """
+        track = self._opened.get(topic) if isinstance(topic, str) else None
+        if track is not None and description is None and tags is None and metadata is None:
+            return track
+        check_topic(topic)
+        track = self._recorder._open(topic, "track", self._kind, description=description, tags=tags, metadata=metadata)
+        track.bind(self._readback)
+        self._opened[topic] = track
+        return track
+
+    def flush(self) -> None:
+        """Write all rows appended so far to the file before returning."""
+        self._recorder.flush()
+        for track in list(self._opened.values()):
+            track.note_flush()
+
+    def list(self) -> list[str]:
+        """Return the topics of all tracks with rows, sorted, earlier runs included; flushed first."""
+        self.flush()
+        return self._readback.tracks()
