@@ -4,8 +4,9 @@ from __future__ import annotations
 
 NS_PER_S = 1_000_000_000
 
-END_S = 18_446_744_073.0
-"""The first time stamp that is refused, in seconds: MCAP's times are unsigned 64-bit nanoseconds (year 2554)."""
+END_S = 9_223_372_036.0
+"""The first time stamp that is refused, in seconds (year 2262): nanoseconds that a signed 64-bit integer holds, as most
+readers of MCAP take them."""
 
 EPOCH_LIKE_S = 100_000_000.0
 """Time stamps from here on (March 1973, in seconds) are taken for wall-clock time, earlier ones for a clock that starts

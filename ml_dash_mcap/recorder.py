@@ -27,6 +27,7 @@ from .write import records
 from .write.blocks import PARAMETERS, BlockWriter
 from .write.channels import TRACK, ChannelInfo
 from .write.journal import Journal
+from .write.session import SessionFiles
 from .write.writer import Writer
 
 TOPIC_METADATA = "ml_dash.topic"
@@ -77,7 +78,7 @@ class Recorder:
         self._topics_lock = threading.Lock()
         """Guards `_channels` and `_topics` while one is added."""
         about = self._about(prefix, metadata or {})
-        self._journal = Journal(self.path, self.session, self.options, about)
+        self._journal = Journal(SessionFiles(self.path, self.session, self.options, about), self.options)
         self._stamper.journal = self._journal
         blocks = BlockWriter(self.path, self.options, about, self._channels)
         self._blocks = blocks
@@ -209,9 +210,9 @@ class Recorder:
             journal), `dropped` (rows refused), `dropped_by_topic`, `bytes_written`, `segments` (finished ones),
             `failure` (why nothing can be written at the moment, or None).
         """
+        written = self._writer.rows_written  # first: it grows only by rows that were taken
         with self._journal.lock:
-            taken, written = self._journal.rows(), self._writer.rows_written
-            dropped = dict(self._journal.dropped)
+            taken, dropped = self._journal.rows(), dict(self._journal.dropped)
         refused = sum(dropped.values())
         failure = self._writer.failure
         return {
@@ -300,6 +301,9 @@ def _weak_failure(writer: Writer) -> Any:
 def _close(journal: Journal, writer: Writer, pid: int) -> None:
     """Finish a recorder; in a forked child, do nothing."""
     if os.getpid() != pid or journal.is_shut:
+        return
+    if writer.is_here:  # the garbage collector found the recorder on this very thread
+        threading.Thread(target=_close, args=(journal, writer, pid), name="ml_dash_mcap close").start()
         return
     journal.shut("the recorder is closed; open a new one on the same folder to add to the recording")
     try:

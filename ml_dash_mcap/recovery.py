@@ -22,10 +22,11 @@ from .version import LIBRARY
 from .write import records
 from .write.blocks import BlockWriter
 from .write.channels import KIND_KEY, TRACK, ChannelInfo
-from .write.journal import JOURNAL_METADATA, SESSION_GLOB
+from .write.journal import JOURNAL_METADATA
 from .write.lock import SessionLock
 from .write.rows import Block
 from .write.segment import ACTIVE_SUFFIX, Contents, Segment
+from .write.session import SESSION_GLOB
 
 _log = logging.getLogger("ml_dash_mcap")
 
@@ -40,22 +41,47 @@ class Recovered:
     """Rows that were in the journal only."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Leftover:
     """A journal buffer of a dead recorder."""
 
     path: Path
     data: bytes
-    chunk: int
-    """Its number among the session's blocks with rows."""
     begin: int
-    """Where in it the first record after the prologue starts."""
+    """Where in it the first record starts."""
     end: int
-    """Where its last record ends."""
-    starts: list[int]
-    gaps: list[tuple[int, int]]
-    extras: list[tuple[int, int]]
-    channels: dict[int, ChannelInfo]
+    """Where the last sound one ends."""
+    session: str | None = None
+    chunk: int = -1
+    """Its number among the session's blocks with rows."""
+    starts: list[int] = field(default_factory=list)
+    gaps: list[tuple[int, int]] = field(default_factory=list)
+    extras: list[tuple[int, int]] = field(default_factory=list)
+    channels: dict[int, ChannelInfo] = field(default_factory=dict)
+
+    def take(self, opcode: int, at: int, end: int, schemas: dict[int, read.Schema]) -> None:
+        """Take in one record.
+
+        Raises:
+            DamagedFileError: It contradicts itself.
+        """
+        if opcode == read.Opcode.MESSAGE:
+            self.starts.append(at)
+            return
+        fields = read.Fields(self.data, str(self.path), 0, at + read.PREFIX_BYTES, end)
+        if opcode == read.Opcode.SCHEMA:
+            schema = read.schema(fields)
+            schemas[schema.id] = schema
+        elif opcode == read.Opcode.CHANNEL:
+            info = _channel_info(read.channel(fields), schemas)
+            self.channels[info.number] = info
+        elif opcode == read.Opcode.METADATA:
+            found = read.metadata(fields)
+            if found.name == JOURNAL_METADATA:
+                self.session, self.chunk = found.values["session"], int(found.values["chunk"])
+            else:
+                self.extras.append((at, end))
+        self.gaps.append((at, end))
 
 
 def recover_leftovers(folder: Path) -> Recovered:
@@ -75,8 +101,8 @@ def recover_leftovers(folder: Path) -> Recovered:
             one = _recover_session(folder, session_file)
             lock.remove()
             done = Recovered([*done.finished, *one.finished], done.rows + one.rows)
-        except (OSError, DamagedFileError) as error:
-            _log.warning("the leftovers of a crashed recorder in %s stay as they are: %s", folder, error)
+        except Exception as error:  # whatever is wrong with one session, the others and this folder's user go on
+            _log.warning("the leftovers of a crashed recorder in %s stay as they are: %r", folder, error)
         finally:
             lock.release()
     return done
@@ -86,7 +112,7 @@ def _recover_session(folder: Path, session_file: Path) -> Recovered:
     said = _read_session(session_file)
     session = str(said.get("session") or session_file.stem.removeprefix(".ml_dash-"))
     leftovers = _read_journals(str(said.get("journals") or ""), session)
-    finished = [path for path in _unfinished(folder, session) if _finish(path)]
+    finished = [_finish(path) for path in _unfinished(folder, session)]
     written, sequences = _written_so_far(folder, session)
     pending = [leftover for leftover in leftovers if leftover.chunk >= written]
     rows = sum(len(leftover.starts) for leftover in pending)
@@ -129,39 +155,20 @@ def _read_journal(path: Path, session: str) -> _Leftover | None:
     data = path.read_bytes()
     if not data.startswith(read.MAGIC):
         return None
-    starts: list[int] = []
-    gaps: list[tuple[int, int]] = []
-    extras: list[tuple[int, int]] = []
+    found = _Leftover(path, data, begin=len(read.MAGIC), end=len(read.MAGIC))
     schemas: dict[int, read.Schema] = {}
-    channels: dict[int, ChannelInfo] = {}
-    number = None
-    at = len(read.MAGIC)
-    while at + read.PREFIX_BYTES <= len(data):
+    while found.end + read.PREFIX_BYTES <= len(data):
+        at = found.end
         opcode, length = read.prefix(data, at)
         end = at + read.PREFIX_BYTES + length
         if opcode == 0 or end > len(data):
             break
-        fields = read.Fields(data, str(path), 0, at + read.PREFIX_BYTES, end)
-        if opcode != read.Opcode.MESSAGE:
-            gaps.append((at, end))
-        if opcode == read.Opcode.MESSAGE:
-            starts.append(at)
-        elif opcode == read.Opcode.SCHEMA:
-            schema = read.schema(fields)
-            schemas[schema.id] = schema
-        elif opcode == read.Opcode.CHANNEL:
-            info = _channel_info(read.channel(fields), schemas)
-            channels[info.number] = info
-        elif opcode == read.Opcode.METADATA:
-            found = read.metadata(fields)
-            if found.name != JOURNAL_METADATA:
-                extras.append((at, end))
-            elif found.values.get("session") == session:
-                number = int(found.values["chunk"])
-        at = end
-    if number is None or not (starts or extras):
-        return None
-    return _Leftover(path, data, number, len(read.MAGIC), at, starts, gaps, extras, channels)
+        try:
+            found.take(opcode, at, end, schemas)
+        except DamagedFileError:  # the machine did this, not the recorder; what came before is whole
+            break
+        found.end = end
+    return found if found.session == session and (found.starts or found.extras) else None
 
 
 def _channel_info(channel: read.Channel, schemas: dict[int, read.Schema]) -> ChannelInfo:
@@ -193,7 +200,7 @@ def _fold_in(
 
 
 def _unfinished(folder: Path, session: str) -> Iterable[Path]:
-    """Yield the session's segments in progress; one that the crash left without a header is deleted."""
+    """Yield the session's segments in progress; one that the crash left without a header says nothing, and is nobody's."""
     for path in sorted(folder.glob(f"*.mcap{ACTIVE_SUFFIX}")):
         run = _run_of(path)
         if run == session:
@@ -202,7 +209,10 @@ def _unfinished(folder: Path, session: str) -> Iterable[Path]:
 
 def _run_of(path: Path) -> str | None:
     """Return which session wrote a segment; None where it does not say."""
-    file = File(path)
+    try:
+        file = File(path)
+    except DamagedFileError:
+        return None
     try:
         about = next((record.values for record in file.metadata() if record.name == "ml_dash"), None)
         return None if about is None else about.get("run")
@@ -210,11 +220,15 @@ def _run_of(path: Path) -> str | None:
         file.close()
 
 
-def _finish(path: Path) -> bool:
-    """Give an unfinished segment its end; returns whether there is a file now."""
+def _finish(path: Path) -> Path:
+    """Give an unfinished segment its end, and its name if that is all it lacks."""
     file = File(path)
     try:
         index = file.index
+        if index.finished:
+            finished = path.with_name(path.name.removesuffix(ACTIVE_SUFFIX))
+            path.rename(finished)
+            return finished
         contents = _contents(index)
         last = index.chunks[-1] if index.chunks else None
         rebuilt: dict[int, bytes] = {}
@@ -230,8 +244,7 @@ def _finish(path: Path) -> bool:
     segment = Segment.reopen(path, size, contents)
     if rebuilt:
         segment.add_message_indexes(rebuilt)
-    segment.finish()
-    return True
+    return segment.finish()
 
 
 def _contents(index: Any) -> Contents:

@@ -145,7 +145,7 @@ def _in_range(seconds: float, topic: str) -> float:
         raise TimestampError(f"append() on topic {topic!r}: _ts={seconds!r} is negative; MCAP times start at 0")
     if seconds >= clock.END_S:
         raise TimestampError(
-            f"append() on topic {topic!r}: _ts={seconds!r} is beyond the year 2554, where MCAP's times end; is it in"
+            f"append() on topic {topic!r}: _ts={seconds!r} is beyond the year 2262, where nanoseconds end; is it in"
             " nanoseconds? pass seconds"
         )
     return seconds + 0.0  # -0.0 becomes 0.0

@@ -59,7 +59,7 @@ class Topic:
             The topic itself.
 
         Raises:
-            TimestampError: `_ts` is missing, not a number, not finite, negative, or beyond the year 2554.
+            TimestampError: `_ts` is missing, not a number, not finite, negative, or beyond the year 2262.
             FieldError: A field cannot be stored, or its name is reserved.
             IntegerRangeError: An integer needs more than 64 bits.
             StateError: The recorder is closed, or this is a forked child of its process.
@@ -145,7 +145,7 @@ class Topic:
         if "timestamp" in columns:
             columns = self._accept((), columns.pop("timestamp"), _UNSET, columns)
         for rows in bulk.encode(_ts, columns, self.name, self._head):
-            self._journal.add_many(rows.records, rows.starts, self.name, rows.last_s, rows.is_uniform)
+            self._journal.add_many(rows.records, rows.starts, self.name, rows.last_s, is_uniform=rows.is_uniform)
         if self._journal.eager is not None:
             self._journal.eager()
         return self

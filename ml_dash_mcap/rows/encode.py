@@ -54,7 +54,7 @@ def plain(value: Any) -> Any:
     if tolist is not None and not isinstance(value, memoryview):
         if _is_big_float_array(value):
             return orjson.Fragment(orjson.dumps(_as_float64(value), option=orjson.OPT_SERIALIZE_NUMPY))
-        return _checked_list(value, tolist())
+        return _listed(value)
     if isinstance(value, float):
         return float(value)
     if isinstance(value, tuple):
@@ -68,6 +68,13 @@ def plain(value: Any) -> Any:
 
         return _checked_list(value, np.asarray(value).tolist())
     raise TypeError(f"Type is not JSON serializable: {type(value).__name__}")
+
+
+def _listed(value: Any) -> Any:
+    """Return an array, or whatever else has `tolist`, as Python's own values."""
+    if getattr(getattr(value, "dtype", None), "kind", None) in ("M", "m"):
+        return value.astype(str).tolist()
+    return _checked_list(value, value.tolist())
 
 
 def _is_big_float_array(value: Any) -> bool:
@@ -176,7 +183,8 @@ def _convert_container(value: Any, pointer: str, notes: Any, where: tuple[str, s
 def _simpler(value: Any, where: tuple[str, str]) -> Any:
     """Return what an object stands for, as values that `_convert` knows."""
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: getattr(value, field.name) for field in dataclass_fields(value)}
+        names = [field.name for field in dataclass_fields(value) if not field.name.startswith("_")]
+        return {name: getattr(value, name) for name in names}
     if isinstance(value, (datetime.datetime, datetime.date, datetime.time)):
         return value.isoformat()
     if isinstance(value, uuid.UUID):
@@ -192,13 +200,7 @@ def _simpler(value: Any, where: tuple[str, str]) -> Any:
 
 def plain_list(value: Any) -> Any:
     """Like `plain`, but never through an encoded fragment, so that every element can be looked at."""
-    tolist = getattr(value, "tolist", None)
-    if tolist is not None:
-        dtype = getattr(value, "dtype", None)
-        if getattr(dtype, "kind", None) in ("M", "m"):
-            return value.astype(str).tolist()
-        return _checked_list(value, tolist())
-    return plain(value)
+    return _listed(value) if hasattr(value, "tolist") else plain(value)
 
 
 def _key_text(key: Any, where: tuple[str, str]) -> str:

@@ -73,12 +73,6 @@ class Shape:
             return True
         return any(shape.has_integers() for shape in self._parts())
 
-    def has_unknown_items(self) -> bool:
-        """Whether some array has always been empty, so that what it holds is not known yet."""
-        if "array" in self.kinds and self.items is None:
-            return True
-        return any(shape.has_unknown_items() for shape in self._parts())
-
     def _parts(self) -> list[Shape]:
         return [*self.fields.values(), *([self.items] if self.items is not None else [])]
 

@@ -1,9 +1,9 @@
 """Which encoded rows have a shape that was seen before, told for a whole block at once.
 
 Decoding every row to infer a schema would keep the interpreter lock from the control loop. So a row is reduced to its
-skeleton, the bytes that are left without digits, minus signs, slashes and the letter e, and only rows with a new
-skeleton are decoded. What a skeleton cannot tell (an empty array from one of integers, `1e16` from `116`) is decoded
-each time.
+skeleton, the bytes that are left without numbers (and without digits in text, but not in keys), and only rows with a
+new skeleton are decoded. What a skeleton cannot tell (an empty array from one of an integer, `1e16` from `116`) is
+decoded each time.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ _LONG = 4096
 """Skeletons of one topic and one length that are remembered, fewer of the long ones (free text and base64 make a new
 one each row); a skeleton is long from this many bytes."""
 
-_MINUS, _SLASH, _ZERO, _NINE, _E = (ord(character) for character in "-/09e")
+_NO_ITEMS = b"[]"
+"""The skeleton of an empty array, and of one that holds a single integer."""
+
+_QUOTE, _MINUS, _ZERO, _NINE, _COLON, _BACKSLASH, _E = (ord(character) for character in '"-09:\\e')
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +53,7 @@ class Skeletons:
         self.forms: list[Form] = []
         self._known: dict[int, list[tuple[Bytes, int]]] = {}
 
-    def learn(self, payload: bytes) -> int:
+    def learn(self, payload: bytes, skeleton: bytes = b"[]") -> int:
         """Decode one row and widen the topic's shape by it; returns the number of its form."""
         row: dict[str, Any] = orjson.loads(payload)
         keys = frozenset(row)
@@ -58,7 +61,7 @@ class Skeletons:
         alone = Shape()
         alone.add(row)
         self.shape.add(row)
-        self.forms.append(Form(keys, not alone.has_unknown_items(), alone.has_integers()))
+        self.forms.append(Form(keys, _NO_ITEMS not in skeleton, alone.has_integers()))
         return len(self.forms) - 1
 
     def classify(self, bones: Bones, rows: Offsets) -> npt.NDArray[np.int32]:
@@ -91,7 +94,7 @@ class Skeletons:
             pending = self._match(bones, rows, skeletons, skeleton, form, pending, forms, at)
         while len(pending):
             first = pending[0]
-            form = self.learn(bones.payload(int(rows[first])))
+            form = self.learn(bones.payload(int(rows[first])), skeletons[first].tobytes())
             forms[at[first]] = form
             if not self.forms[form].certain:
                 pending = pending[1:]
@@ -126,15 +129,27 @@ class Skeletons:
 class Bones:
     """The bytes of a block with its rows, reduced to skeletons once for all topics."""
 
-    def __init__(self, data: Bytes, starts: Offsets, ends: Offsets) -> None:
+    def __init__(self, data: Bytes, starts: Offsets, ends: Offsets, head: int) -> None:
+        """Reduce a block.
+
+        Args:
+            data: Its bytes.
+            starts: Where the encoded rows start, [N].
+            ends: Where they end, [N].
+            head: How many bytes before each row are none of its text.
+        """
         self._data = data
         self._row_starts = starts
         self._row_ends = ends
-        keep = (data - np.uint8(_SLASH)) > _NINE - _SLASH  # wraps below the slash: no digit and no slash
+        keep = (data - np.uint8(_ZERO)) > _NINE - _ZERO  # no digit; what lies below the zero wraps
         keep &= data != _MINUS
-        keep &= data != _E
-        at = np.flatnonzero(keep)
-        self.kept = data[at]
+        keep[(starts - head)[:, None] + np.arange(head)] = False
+        at, kept = _without_exponents(data, np.flatnonzero(keep))
+        spans = _cut_keys(at, kept)
+        if len(spans):
+            keep[spans] = True
+            at, kept = _without_exponents(data, np.flatnonzero(keep), spans)
+        self.kept = kept
         self.starts: Offsets = np.searchsorted(at, starts)
         self.lengths: Offsets = np.searchsorted(at, ends) - self.starts
         self._exponents: Offsets | None = None
@@ -151,3 +166,54 @@ class Bones:
             self._exponents = at[(before >= _ZERO) & (before <= _NINE)]
         low = np.searchsorted(self._exponents, self._row_starts[rows])
         return np.asarray(np.searchsorted(self._exponents, self._row_ends[rows]) > low)
+
+
+def _without_exponents(data: Bytes, at: Offsets, spans: Offsets | None = None) -> tuple[Offsets, Bytes]:
+    """Leave out each `e` behind a digit.
+
+    Args:
+        data: The block.
+        at: Where in it the bytes lie that are kept.
+        spans: Where it stays nevertheless.
+
+    Returns:
+        Where the bytes lie that are left, and these.
+    """
+    kept = data[at]
+    exponents = np.flatnonzero(kept == _E)
+    before = data[at[exponents] - 1] - np.uint8(_ZERO)
+    exponents = exponents[before <= _NINE - _ZERO]
+    if spans is not None and len(exponents):
+        exponents = exponents[~np.isin(at[exponents], spans)]
+    if not len(exponents):
+        return at, kept
+    stays = np.ones(len(at), np.bool_)
+    stays[exponents] = False
+    return at[stays], kept[stays]
+
+
+def _cut_keys(at: Offsets, kept: Bytes) -> Offsets:
+    """Return where the bytes of those keys lie that have lost some: `q1` and `q2` are different.
+
+    Args:
+        at: Where in the block the bytes lie that are kept.
+        kept: These.
+    """
+    quotes = np.flatnonzero(kept == _QUOTE)
+    if (kept == _BACKSLASH).any():  # a quote may be text; keep all that stands between two of them
+        return _ranges(at[quotes[:-1]], at[quotes[1:]])
+    quotes = quotes[: np.searchsorted(quotes, len(kept) - 1)]
+    closing = np.flatnonzero(kept[quotes + 1] == _COLON)
+    closing = closing[closing > 0]
+    first, last = quotes[closing - 1], quotes[closing]
+    lost = at[last] - at[first] != last - first
+    return _ranges(at[first[lost]], at[last[lost]])
+
+
+def _ranges(firsts: Offsets, lasts: Offsets) -> Offsets:
+    """Return all numbers from each first one to its last one."""
+    lengths = lasts - firsts + 1
+    ends = np.cumsum(lengths)
+    within: Offsets = np.arange(int(ends[-1]) if len(ends) else 0)
+    ranges: Offsets = within + np.repeat(firsts - (ends - lengths), lengths)
+    return ranges

@@ -118,7 +118,9 @@ class TrackSlice:
     @overload
     def findByTime(self, timestamp: Iterable[float]) -> list[Entry]: ...
 
-    def findByTime(self, timestamp: float | Iterable[float]) -> Entry | list[Entry]:
+    def findByTime(  # noqa: N802 - the name that ml-dash gave it
+        self, timestamp: float | Iterable[float]
+    ) -> Entry | list[Entry]:
         """Return the last entry at or before a time, or a list of such entries for a list of times.
 
         Args:

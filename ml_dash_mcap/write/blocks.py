@@ -94,6 +94,7 @@ class BlockWriter:
         self._segment: Segment | None = None
         self._segment_opened = 0.0
         self._set_aside: list[Segment] = []
+        self._drops_said: dict[str, int] = {}
 
     # -- one block ---------------------------------------------------------------------------------------------------
 
@@ -141,7 +142,7 @@ class BlockWriter:
         inferred = [number for number, info in list(self._channels.items()) if info.schema is None]
         unknown = (forms < 0) & np.isin(rows.channels, inferred)
         if unknown.any():
-            bones = Bones(rows.data, rows.starts + records.MESSAGE_HEAD, rows.ends)
+            bones = Bones(rows.data, rows.starts + records.MESSAGE_HEAD, rows.ends, records.MESSAGE_HEAD)
             for number in np.unique(rows.channels[unknown]).tolist():
                 mine = np.flatnonzero(unknown & (rows.channels == number))
                 forms[mine] = self._skeletons_of(rows, mine[0]).classify(bones, mine)
@@ -289,12 +290,15 @@ class BlockWriter:
         Args:
             drops: Rows refused, by topic, to be written into the file.
         """
-        segment = self._ensure_segment() if drops or not self.finished else self._segment
-        if drops and segment is not None:
-            segment.add_metadata(DROPS, records.metadata(DROPS, {topic: str(count) for topic, count in drops.items()}))
+        if drops != self._drops_said or not (self.finished or self._segment):
+            said = {topic: str(count) for topic, count in drops.items()}
+            segment = self._ensure_segment()
+            if said:
+                segment.add_metadata(DROPS, records.metadata(DROPS, said))
+            self._drops_said = dict(drops)
         self.finish_segment()
-        while self._set_aside:
-            self.finished.append(self._set_aside[-1].finish())
+        while self._set_aside:  # what a failed sync did to them is unknown; it is not asked for again
+            self.finished.append(self._set_aside[-1].finish(sync=False))
             self._set_aside.pop()
 
 

@@ -1,23 +1,18 @@
-"""The journal: buffers in shared memory that hold rows until they are in the file, and that a crash leaves behind.
+"""The journal: where rows wait until they are in the file, safe from a crash of their process.
 
-A buffer is laid out as an MCAP file without an end: magic, header, a metadata record that says whose it is, schemas,
-channels, messages. A record becomes valid with its first byte, which is written last; the byte after the last record
-is 0, which no MCAP record begins with, so neither a half-written record nor one of an earlier use is ever read.
+Anything may come between two calls that a thread makes: another thread, a signal handler that appends, Ctrl-C, a
+finalizer that appends. So whatever must happen together stands together without a call in it ("no call between"
+below), and what was read before a call is read again after it. The lock keeps other threads out; it is one that a
+handler of the same thread passes.
 """
 
 from __future__ import annotations
 
-import contextlib
-import json
-import mmap
 import os
 import queue
-import socket
 import threading
-import time
 import weakref
-from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -25,133 +20,35 @@ import numpy.typing as npt
 from ..errors import BacklogFullError, FieldError, StateError, StorageError, TopicError
 from ..options import RecorderOptions
 from . import records
-from .lock import SessionLock
-from .rows import Block
+from .buffer import Buffer
+from .session import SessionFiles
 
-SESSION_FILE = ".ml_dash-{session}.json"
-SESSION_GLOB = ".ml_dash-*.json"
 JOURNAL_METADATA = "ml_dash.journal"
 
-_SHARED_MEMORY = Path("/dev/shm")
 _WAIT_S = 0.05
+_LONGEST_WAIT_S = 3600.0
+
 _FAR_AHEAD = 2
 """Sealed buffers that wait for the writer when an appending thread begins to make room for it."""
 
-
-class Buffer:
-    """One journal buffer. Appending threads fill it under the journal's lock; sealed, it is the writer's alone."""
-
-    __slots__ = ("end", "extras", "gaps", "is_large", "limit", "map", "path", "prologue", "size", "starts", "uniform")
-
-    def __init__(self, path: Path | None, size: int, is_large: bool = False) -> None:
-        self.path = path
-        self.size = size
-        self.is_large = is_large
-        """Whether it was made for one row, and goes with it."""
-        self.limit = size - 1 if path is not None else -1
-        """The last offset that a record may end at; the byte there stays 0. Below 0: nothing is taken any more."""
-        self.end = 0
-        """Where the next record goes."""
-        self.prologue = 0
-        """Where the first record after the prologue went."""
-        self.starts: list[int] = []
-        """Where each Message record starts."""
-        self.extras: list[tuple[int, int]] = []
-        """Start and end of each Metadata record, in order."""
-        self.gaps: list[tuple[int, int]] = []
-        """Start and end of every record that is not a Message."""
-        self.uniform: list[tuple[int, int]] = []
-        """Runs of `starts`, by first index and the one after the last, whose rows are known to be of one form."""
-        self.map = mmap.mmap(-1, mmap.PAGESIZE) if path is None else _reserve(path, size)
-
-    def begin(self, prologue: bytes) -> None:
-        """Make an empty buffer the start of an MCAP file."""
-        self.map[1 : len(prologue)] = prologue[1:]
-        self.map[0] = prologue[0]
-        self.end = self.prologue = len(prologue)
-
-    def put(self, record: bytes) -> None:
-        """Write one record (or several) that was checked to fit."""
-        start, end = self.end, self.end + len(record)
-        self.end = end  # first: a signal handler may append before this is through
-        self.map[start + 1 : end] = record[1:]
-        self.map[start] = record[0]
-
-    def put_row(self, record: bytes) -> None:
-        """Write a Message record."""
-        start = self.end
-        self.put(record)
-        self.starts.append(start)
-
-    def put_gap(self, record: bytes) -> tuple[int, int]:
-        """Write a record that is not a Message; returns its start and end."""
-        gap = (self.end, self.end + len(record))
-        self.put(record)
-        self.gaps.append(gap)
-        return gap
-
-    def clear(self) -> None:
-        """Make it as good as new: invalid first, then all zeros."""
-        self.map[0] = 0
-        np.frombuffer(self.map, np.uint8)[: self.end] = 0  # lets other threads run, unlike a slice of the map
-        self.end = self.prologue = 0
-        self.starts = []
-        self.extras = []
-        self.gaps = []
-        self.uniform = []
-
-    def block(self) -> Block:
-        """Return what it holds; its memory must not be given back before that is forgotten."""
-        data = np.frombuffer(self.map, np.uint8)
-        return Block(data, self.prologue, self.end, self.starts, self.gaps, self.extras, self.uniform)
-
-    def discard(self) -> None:
-        """Delete its file and give its memory back."""
-        if self.path is not None:
-            self.path.unlink(missing_ok=True)
-        with contextlib.suppress(BufferError):  # a view is still about; the memory goes with it
-            self.map.close()
-
-
-def _reserve(path: Path, size: int) -> mmap.mmap:
-    """Make a file whose every byte has its place in memory or on disk, so that writing to it cannot fail later."""
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o600)
-    try:
-        if hasattr(os, "posix_fallocate"):
-            os.posix_fallocate(descriptor, 0, size)
-        else:
-            os.write(descriptor, bytes(size))
-        flags = getattr(mmap, "MAP_SHARED", 0) | getattr(mmap, "MAP_POPULATE", 0)
-        return mmap.mmap(descriptor, size, flags=flags) if flags else mmap.mmap(descriptor, size)
-    except BaseException:
-        path.unlink(missing_ok=True)
-        raise
-    finally:
-        os.close(descriptor)
+_ROOM_BESIDES = 512
+"""Bytes of a buffer that the prologue takes besides the topics."""
 
 
 class Journal:
     """The buffers of one recorder: one active, some sealed, some free.
 
-    Appending threads call `add` and `add_metadata`; any thread `seal`; the writer thread `take` and `recycle`.
+    Appending threads call `add`, `add_many` and `add_metadata`; any thread `seal`; the writer thread `take` and
+    `recycle`. The fast path of `add` is written out in `Topic.append`.
     """
 
-    def __init__(self, folder: Path, session: str, options: RecorderOptions, about: Mapping[str, str]) -> None:
-        """Reserve the buffers and begin the first one.
-
-        Args:
-            folder: The run's folder.
-            session: Names this opening of the recording.
-            options: The recorder's.
-            about: The constant part of the `ml_dash` metadata record, for a recovery to repeat.
-
-        Raises:
-            StorageError: The folder cannot be written, or there is no room for the backlog.
-        """
+    def __init__(self, session: SessionFiles, options: RecorderOptions) -> None:
+        """Begin the first buffer of a session."""
         self.options = options
         self.session = session
         self.lock = threading.RLock()
-        """Guards `active`, what is put into it, and the counters. Held for about a microsecond, never over I/O."""
+        """Guards `active`, what is put into it, and the counters. Held for microseconds, never over I/O; the writer
+        thread never waits for it."""
         self.last_s: float | None = None
         """The latest time stamp that a track was given, in seconds."""
         self.dropped: dict[str, int] = {}
@@ -163,99 +60,28 @@ class Journal:
         self.turn = threading.Event()
         """Set while the writer does what needs no interpreter. An appending thread that is far ahead of it waits for
         that once a buffer, so that both get on: the writer would have to wait 5 ms for every turn otherwise."""
+        self.writer_ident: int | None = None
+        """Which thread recycles the buffers, and so must not wait for one."""
         self._registry = b""
         self._chunks = 0
         self._sealed_rows = 0
-        self._large_bytes = 0
-        self._sealed: queue.SimpleQueue[Buffer | int] = queue.SimpleQueue()
+        self._large_taken = self._large_given_back = 0
+        self._sealed: queue.SimpleQueue[tuple[Buffer, ...] | int] = queue.SimpleQueue()
         self._free: queue.SimpleQueue[Buffer] = queue.SimpleQueue()
-        self._closed: str | None = None
-        self._folder = folder
-        self._session_lock = _create_session(folder, session)
-        try:
-            self._buffers = self._make_buffers()
-        except BaseException:
-            self._session_lock.remove()
-            raise
-        self._note_session(about)
-        for buffer in self._buffers[1:]:
+        self._freed = threading.Event()
+        self._shut: str | None = None
+        self._nothing = Buffer(None, 0)
+        for buffer in session.buffers[1:]:
             self._free.put(buffer)
-        self.active = self._buffers[0]
-        self.active.begin(self._prologue())
+        self.active = session.buffers[0]
+        self.active.begin(self._prologue(0, self._registry))
         _LIVE.add(self)
 
-    # -- making ------------------------------------------------------------------------------------------------------
-
-    def _places(self) -> Iterator[Path]:
-        if self.options.journal_dir is not None:
-            yield Path(self.options.journal_dir)
-            return
-        if _SHARED_MEMORY.is_dir() and os.access(_SHARED_MEMORY, os.W_OK):
-            yield _SHARED_MEMORY
-        yield self._folder
-
-    def _make_buffers(self) -> list[Buffer]:
-        count = self.options.backlog_bytes // self.options.chunk_bytes
-        failures: list[OSError] = []
-        for place in self._places():
-            made: list[Buffer] = []
-            try:
-                while len(made) < count:
-                    made.append(Buffer(place / self._buffer_name(str(len(made))), self.options.chunk_bytes))
-            except OSError as error:
-                for buffer in made:
-                    buffer.discard()
-                failures.append(error)
-                continue
-            self._place = place
-            return made
-        raise StorageError(
-            f"no room for a backlog of {self.options.backlog_bytes} bytes: "
-            + "; ".join(f"{error.filename or 'journal'}: {error.strerror or error}" for error in failures)
-            + " (make room, or set backlog_bytes= or journal_dir=)"
-        ) from failures[-1]
-
-    def _buffer_name(self, number: str) -> str:
-        return f".ml_dash-{self.session}-{number}.journal"
-
-    def _note_session(self, about: Mapping[str, str]) -> None:
-        """Say in the session file where the buffers are, for whoever comes after a crash."""
-        said = {
-            "session": self.session,
-            "pid": os.getpid(),
-            "host": socket.gethostname(),
-            "journals": str(self._place.absolute() / self._buffer_name("*")),
-            "about": dict(about),
-        }
-        self._session_lock.write(json.dumps(said).encode())
-
-    def _prologue(self, after: Buffer | None = None) -> bytes:
-        chunk = self._chunks + (after is not None and bool(after.starts))
-        whose = records.metadata(JOURNAL_METADATA, {"session": self.session, "chunk": str(chunk)})
-        return records.header("ml_dash_mcap journal") + whose + self._registry
+    def _prologue(self, chunk: int, registry: bytes) -> bytes:
+        whose = records.metadata(JOURNAL_METADATA, {"session": self.session.name, "chunk": str(chunk)})
+        return records.header("ml_dash_mcap journal") + whose + registry
 
     # -- appending threads -------------------------------------------------------------------------------------------
-
-    def register(self, records_bytes: bytes) -> None:
-        """Take a new topic's Schema and Channel records into this buffer and all later ones.
-
-        Raises:
-            TopicError: There are too many topics for the size of a chunk.
-        """
-
-        def put() -> bool:
-            if len(self._registry) + len(records_bytes) > self.options.chunk_bytes // 2:
-                raise TopicError(
-                    f"the topics of this recording take more than half of a chunk of {self.options.chunk_bytes}"
-                    " bytes; set chunk_bytes= higher, or log to fewer topics"
-                )
-            if self.active.end + len(records_bytes) > self.active.limit and not self._rotate():
-                return False
-            self._registry += records_bytes
-            self.active.put_gap(records_bytes)
-            return True
-
-        self._until(put, "the journal", count=None)
 
     def add(self, record: bytes, topic: str, last_s: float | None) -> bool:
         """Put one Message record where the fast path found no room.
@@ -272,31 +98,55 @@ class Journal:
             StateError: The recorder is closed, or this is a forked child.
             BacklogFullError: The backlog is full and `on_full="raise"`.
             StorageError: The backlog is full and nothing can be written.
+            FieldError: The row is larger than the whole backlog.
         """
-        if self._fits_no_buffer(record):
+        if self._fits_no_buffer(len(record)):
             return self._add_large(record, topic, last_s)
-
-        def put() -> bool:
-            active = self.active
-            if active.end + len(record) > active.limit:
-                if not self._rotate():
-                    return False
-                active = self.active
-            active.put_row(record)
-            if last_s is not None:
-                self.last_s = last_s
-            return True
-
-        taken = self._until(put, topic)
+        tail = record[1:]
+        taken = self._until(lambda: self._put_row(tail, last_s), topic, 1)
         self._give_way()
         return taken
 
-    def _give_way(self) -> None:
-        """Let a writer that is behind have the interpreter for a moment."""
-        if self._sealed.qsize() >= _FAR_AHEAD and self.options.on_full == "block":
-            self.turn.wait(_WAIT_S)
+    def _put_row(self, tail: bytes, last_s: float | None) -> bool:
+        size = len(tail) + 1
+        while True:
+            active = self.active
+            start = active.end
+            end = start + size
+            if end <= active.limit:  # no call between
+                memory = active.map
+                memory[start + 1 : end] = tail
+                memory[start] = 5
+                active.end = end
+                if last_s is not None:
+                    self.last_s = last_s
+                active.starts.append(start)
+                return True
+            if not self._rotate(active):
+                return False
 
-    def add_many(self, block: bytes, starts: npt.NDArray[np.int64], topic: str, last_s: float, is_uniform: bool) -> int:
+    def _put_gap(self, record: bytes, is_extra: bool) -> bool:
+        """Put a record that is not a Message."""
+        opcode, tail, size = record[0], record[1:], len(record)
+        while True:
+            active = self.active
+            start = active.end
+            end = start + size
+            if end <= active.limit:  # no call between
+                memory = active.map
+                memory[start + 1 : end] = tail
+                memory[start] = opcode
+                active.end = end
+                if is_extra:
+                    active.has_extras = True
+                active.gaps.append((start, end, is_extra))
+                return True
+            if not self._rotate(active):
+                return False
+
+    def add_many(
+        self, block: bytes, starts: npt.NDArray[np.int64], topic: str, last_s: float, *, is_uniform: bool
+    ) -> int:
         """Put many Message records that lie one after the other.
 
         Args:
@@ -313,166 +163,217 @@ class Journal:
             As `add`; the rows before the one that found no room are taken.
         """
         ends = np.append(starts[1:], len(block))
-        done, dropped = 0, 0
+        done = refused = 0
 
         def put() -> bool:
             nonlocal done
-            active = self.active
-            offset = int(starts[done])
-            fitting = int(np.searchsorted(ends, active.limit - active.end + offset, side="right"))
-            if fitting <= done:
-                return self._rotate() and put()
-            at = active.end
-            active.put(block[offset : int(ends[fitting - 1])])
-            if is_uniform:
-                active.uniform.append((len(active.starts), len(active.starts) + fitting - done))
-            active.starts.extend((starts[done:fitting] + (at - offset)).tolist())
-            self.last_s = last_s
-            done = fitting
-            return True
+            while True:
+                active = self.active
+                at = active.end
+                offset = int(starts[done])
+                fitting = int(np.searchsorted(ends, active.limit - at + offset, side="right"))
+                if fitting <= done:
+                    if not self._rotate(active):
+                        return False
+                    continue
+                piece = block[offset : int(ends[fitting - 1])]
+                tail, end = piece[1:], at + len(piece)
+                row_starts = (starts[done:fitting] + (at - offset)).tolist()
+                run = (len(active.starts), len(active.starts) + len(row_starts))
+                if self.active is active and active.end == at:  # no call between
+                    memory = active.map
+                    memory[at + 1 : end] = tail
+                    memory[at] = 5
+                    active.end = end
+                    self.last_s = last_s
+                    done = fitting
+                    active.starts.extend(row_starts)
+                    if is_uniform:
+                        active.uniform.append(run)
+                    return True
 
         while done < len(starts):
-            record = block[int(starts[done]) : int(ends[done])]
-            if self._fits_no_buffer(record):
-                taken = self._add_large(record, topic, last_s)
+            size = int(ends[done] - starts[done])
+            if self._fits_no_buffer(size):
+                refused += not self._add_large(block[int(starts[done]) : int(ends[done])], topic, last_s)
                 done += 1
-                dropped += not taken
-            elif not self._until(put, topic, count=len(starts) - done):
-                return done - dropped
+            elif not self._until(put, topic, len(starts) - done):
+                break
             self._give_way()
-        return done - dropped
+        return done - refused
 
-    def _fits_no_buffer(self, record: bytes) -> bool:
-        return len(self._registry) + len(record) + 512 > self.options.chunk_bytes
+    def register(self, definition: bytes) -> None:
+        """Take a new topic's Schema and Channel records into this buffer and all later ones.
+
+        Raises:
+            TopicError: There are too many topics for the size of a chunk.
+        """
+        if len(self._registry) + len(definition) > self.options.chunk_bytes // 2:
+            raise TopicError(
+                f"the topics of this recording take more than half of a chunk of {self.options.chunk_bytes} bytes;"
+                " set chunk_bytes= higher, or log to fewer topics"
+            )
+
+        with self.lock:
+            self._registry += definition  # first: a buffer that begins meanwhile must have it
+        self._until(lambda: self._put_gap(definition, is_extra=False), "the journal", None)
+
+    def add_metadata(self, record: bytes) -> None:
+        """Put a Metadata record; it waits for room, whatever `on_full` says.
+
+        Raises:
+            FieldError: It is larger than a chunk.
+        """
+        if self._fits_no_buffer(len(record)):
+            raise FieldError(f"{len(record)} bytes of metadata do not fit into a chunk of {self.options.chunk_bytes}")
+        self._until(lambda: self._put_gap(record, is_extra=True), "metadata", None)
+
+    def _fits_no_buffer(self, size: int) -> bool:
+        return len(self._registry) + size + _ROOM_BESIDES > self.options.chunk_bytes
 
     def _add_large(self, record: bytes, topic: str, last_s: float | None) -> bool:
         """Give a row that is larger than a buffer one of its own, sealed at once."""
-        size = len(record) + len(self._registry) + 1024
+        size = len(record) + len(self._registry) + 2 * _ROOM_BESIDES
         if size > self.options.backlog_bytes:
             raise FieldError(
                 f"append() on topic {topic!r}: the row has {len(record)} bytes, more than the whole backlog of"
                 f" {self.options.backlog_bytes} bytes; set backlog_bytes= higher"
             )
-
-        def put() -> bool:
-            if self._large_bytes + size > self.options.backlog_bytes:
-                return False
-            if (self.active.starts or self.active.extras) and not self._rotate():
-                return False
-            own = self._make_large(size, topic)
-            own.begin(self._prologue())
-            own.put_row(record)
-            self._large_bytes += size
-            self._hand_over(own)
-            self.active.clear()  # the number of its chunk has changed
-            self.active.begin(self._prologue())
-            if last_s is not None:
-                self.last_s = last_s
-            return True
-
-        return self._until(put, topic)
-
-    def _make_large(self, size: int, topic: str) -> Buffer:
-        name = self._buffer_name(f"large{self._chunks}-{time.monotonic_ns()}")
+        has_room = lambda: self._large_taken - self._large_given_back + size <= self.options.backlog_bytes  # noqa: E731
+        if not self._until(has_room, topic, 1):
+            return False
         try:
-            return Buffer(self._place / name, size, is_large=True)
+            own = self.session.make_large(size)
         except OSError as error:
-            raise StorageError(
-                error.errno, f"append() on topic {topic!r}: no room for a row of {size} bytes: {error.strerror}"
-            ) from error
+            what = f"append() on topic {topic!r}: no room for a row of {size} bytes: {error.strerror}"
+            raise StorageError(error.errno, what) from error
+        self._large_taken += size
+        try:
+            taken = self._until(lambda: self._rotate(self.active, own, record), topic, 1)
+        except BaseException:
+            self._give_back(own)
+            raise
+        if not taken:
+            self._give_back(own)
+        elif last_s is not None:
+            self.last_s = last_s
+        return taken
 
-    def add_metadata(self, record: bytes) -> None:
-        """Put a Metadata record; it waits for room, whatever `on_full` says."""
+    def _give_back(self, large: Buffer) -> None:
+        self._large_given_back += large.size
+        large.discard()
 
-        def put() -> bool:
-            active = self.active
-            if active.end + len(record) > active.limit:
-                if not self._rotate():
-                    return False
-                active = self.active
-            active.extras.append(active.put_gap(record))
-            return True
+    # -- room ----------------------------------------------------------------------------------------------------------
 
-        if len(self._registry) + len(record) + 512 > self.options.chunk_bytes:
-            raise FieldError(f"{len(record)} bytes of metadata do not fit into a chunk of {self.options.chunk_bytes}")
-        self._until(put, "metadata", count=None)
+    def _until(self, put: Callable[[], bool], topic: str, rows: int | None) -> bool:
+        """Try to put something, and do what `on_full` says while there is no room.
 
-    def _until(self, put: Callable[[], bool], topic: str, count: int | None = 1) -> bool:
-        """Try to put something, and do what `on_full` says while there is no room; count=None always waits."""
+        Args:
+            put: Called with the lock held; says whether there was room.
+            topic: For the error messages and counts.
+            rows: How many rows are refused if it comes to that; None always waits.
+        """
         while True:
+            self._freed.clear()
             with self.lock:
-                if self._closed is not None:
-                    raise StateError(self._closed)
+                if self._shut is not None:
+                    raise StateError(self._shut)
                 if put():
                     return True
-                policy = self.options.on_full if count is not None else "block"
                 failure = self.failure()
-                if policy != "block" or failure is not None:
-                    if count is not None:
-                        self.dropped[topic] = self.dropped.get(topic, 0) + count
-                    if policy == "drop":
-                        return False
-            if policy == "raise":
-                raise BacklogFullError(
-                    f"append() on topic {topic!r}: the backlog of {self.options.backlog_bytes} bytes is full; the row"
-                    " was not taken"
-                )
-            if failure is not None:
-                raise StorageError(
-                    f"append() on topic {topic!r}: the backlog of {self.options.backlog_bytes} bytes is full and the"
-                    f" recording cannot be written ({failure}); the row was not taken"
-                ) from failure
-            self._await_free()
+                is_refused = self._must_refuse(failure)
+                if rows is not None and is_refused:
+                    self.dropped[topic] = self.dropped.get(topic, 0) + rows
+            if rows is not None and is_refused:
+                return self._refuse(topic, failure)
+            self._freed.wait(_WAIT_S)
 
-    def _await_free(self) -> None:
-        """Sleep until the writer has freed a buffer, or a moment has passed."""
-        with contextlib.suppress(queue.Empty):
-            self._free.put(self._free.get(timeout=_WAIT_S))
+    def _must_refuse(self, failure: BaseException | None) -> bool:
+        is_writer = threading.get_ident() == self.writer_ident  # in a finalizer; it would wait for itself
+        return self.options.on_full != "block" or failure is not None or is_writer
 
-    # -- sealing -----------------------------------------------------------------------------------------------------
-
-    def seal(self) -> bool:
-        """Hand what is in the active buffer to the writer; returns whether there is nothing left in it."""
-        with self.lock:
-            active = self.active
-            if active.limit < 0 or not (active.starts or active.extras):
-                return True
-            return self._rotate()
-
-    def _rotate(self) -> bool:
-        """Seal the active buffer and begin a free one, if there is one. Called with the lock held."""
-        if self._closed is not None:
-            raise StateError(self._closed)
-        try:
-            fresh = self._free.get_nowait()
-        except queue.Empty:
+    def _refuse(self, topic: str, failure: BaseException | None) -> bool:
+        what = f"append() on topic {topic!r}: the backlog of {self.options.backlog_bytes} bytes is full"
+        if self.options.on_full == "drop":
             return False
-        full = self.active
-        fresh.begin(self._prologue(after=full))
-        self.active = fresh  # before the full one is handed over: a signal handler may append in between
-        self._hand_over(full)
-        return True
+        if failure is not None and self.options.on_full == "block":
+            raise StorageError(f"{what} and the recording cannot be written ({failure}); not taken") from failure
+        raise BacklogFullError(f"{what}; not taken")
 
-    def _hand_over(self, buffer: Buffer) -> None:
-        if buffer.starts:
-            self._chunks += 1
-            self._sealed_rows += len(buffer.starts)
-        self._sealed.put(buffer)
+    def _give_way(self) -> None:
+        """Let a writer that is behind have the interpreter for a moment."""
+        if self._sealed.qsize() >= _FAR_AHEAD and self.options.on_full == "block":
+            self.turn.wait(_WAIT_S)
+
+    # -- sealing -------------------------------------------------------------------------------------------------------
+
+    def seal(self, timeout_s: float = -1) -> bool:
+        """Hand what is in the active buffer to the writer; returns whether there is nothing left in it.
+
+        Args:
+            timeout_s: How long to wait for the lock, in seconds; -1 is as long as it takes.
+        """
+        if not self.lock.acquire(timeout=timeout_s):
+            return False
+        try:
+            active = self.active
+            if active.limit < 0 or not (active.starts or active.has_extras):
+                return True
+            return self._rotate(active)
+        finally:
+            self.lock.release()
 
     def seal_at(self, rows: int) -> Callable[[], object]:
         """Return what seals the active buffer once so many rows are in it."""
         return lambda: len(self.active.starts) >= rows and self.seal()
 
-    def rows(self) -> int:
-        """Return how many rows were taken so far; call it with the lock held for a figure that fits the others."""
-        return self._sealed_rows + len(self.active.starts)
+    def _rotate(self, full: Buffer, own: Buffer | None = None, record: bytes = b"") -> bool:
+        """Hand the active buffer over and begin a free one, if there is one. Called with the lock held.
 
-    # -- the writer thread -------------------------------------------------------------------------------------------
+        Args:
+            full: The active buffer, as the caller saw it. If it is that no more, somebody else has done this.
+            own: A buffer to hand over right behind it, for a row of its own.
+            record: That row's Message record.
 
-    def take(self, timeout_s: float) -> Buffer | int | None:
-        """Return the next sealed buffer or mark, or None after a while without one."""
+        Returns:
+            Whether it is worth while to look at the active buffer again; with `own`, whether that is handed over.
+        """
         try:
-            return self._sealed.get(timeout=max(timeout_s, 0.0))
+            fresh = self._free.get_nowait()
+        except queue.Empty:
+            return False
+        is_used = False
+        try:
+            end, registry, put = full.end, self._registry, self._sealed.put
+            rows, chunks = self._sealed_rows + len(full.starts), self._chunks + bool(full.starts)
+            sealed: tuple[Buffer, ...] = (full,)
+            if own is not None:
+                _fill_large(own, self._prologue(chunks, registry), record)
+                sealed, rows, chunks = (full, own), rows + 1, chunks + 1
+            fresh.begin(self._prologue(chunks, registry))
+            if self.active is full and full.end == end and self._registry is registry:  # no call between
+                self._chunks = chunks
+                self._sealed_rows = rows
+                self.active = fresh
+                is_used = True
+                put(sealed)
+        finally:
+            if not is_used:
+                fresh.clear()
+                self._free.put(fresh)
+        return is_used or own is None
+
+    def rows(self) -> int:
+        """Return how many rows were taken so far."""
+        with self.lock:
+            return self._sealed_rows + len(self.active.starts)
+
+    # -- the writer thread ---------------------------------------------------------------------------------------------
+
+    def take(self, timeout_s: float) -> tuple[Buffer, ...] | int | None:
+        """Return the next sealed buffers or mark, or None after a while without one."""
+        try:
+            return self._sealed.get(timeout=min(max(timeout_s, 0.0), _LONGEST_WAIT_S))
         except queue.Empty:
             return None
 
@@ -483,67 +384,64 @@ class Journal:
     def recycle(self, buffer: Buffer) -> None:
         """Take back a buffer whose rows are in the file."""
         if buffer.is_large:
-            with self.lock:
-                self._large_bytes -= buffer.size
-            buffer.discard()
-            return
-        buffer.clear()
-        self._free.put(buffer)
+            self._give_back(buffer)
+        else:
+            buffer.clear()
+            self._free.put(buffer)
+        self._freed.set()
 
-    # -- the end -----------------------------------------------------------------------------------------------------
+    # -- the end -------------------------------------------------------------------------------------------------------
 
     @property
     def is_shut(self) -> bool:
         """Whether it takes no more rows."""
-        return self._closed is not None
+        return self._shut is not None
 
     def check_open(self) -> None:
         """Raise StateError if it takes no more rows."""
-        if self._closed is not None:
-            raise StateError(self._closed)
+        if self._shut is not None:
+            raise StateError(self._shut)
 
     def shut(self, why: str) -> None:
         """Take no more rows; every later append raises `why`. What is in the active buffer is handed over."""
+        put = self._sealed.put
         with self.lock:
-            if self._closed is not None:
-                return
-            self._closed = why
-            last, self.active = self.active, _closed_buffer()
-            if last.starts or last.extras:
-                self._hand_over(last)
+            if self._shut is None:
+                self._shut = why
+                last = self.active
+                rows = self._sealed_rows + len(last.starts)
+                self._sealed_rows = rows
+                self.active = self._nothing
+                put((last,))
 
     def remove(self) -> None:
         """Delete the buffers and the session file: everything is in finished segments."""
         _LIVE.discard(self)
-        for buffer in self._buffers:
-            buffer.discard()
-        self._session_lock.remove()
+        self.session.remove()
 
     def leave_behind(self) -> None:
         """Let go of the session and keep the buffers for recovery: not everything could be written."""
         _LIVE.discard(self)
-        self._session_lock.release()
+        self.session.leave_behind()
 
     def abandon_in_child(self) -> None:
         """Forget the parent's recording in a forked child, touching none of it."""
         self.lock = threading.RLock()
-        self._closed = (
+        self._shut = (
             "this recorder belongs to the parent process, which goes on recording; open one in the forked child"
         )
-        self.active = _closed_buffer()
-        self._session_lock.release()
+        self.active = self._nothing
+        self.session.leave_behind()
 
 
-def _create_session(folder: Path, session: str) -> SessionLock:
-    try:
-        return SessionLock.create(folder / SESSION_FILE.format(session=session))
-    except OSError as error:
-        what = f"cannot write to the recording's folder: {error.strerror}"
-        raise StorageError(error.errno, what, str(folder)) from error
-
-
-def _closed_buffer() -> Buffer:
-    return Buffer(None, 0)
+def _fill_large(own: Buffer, prologue: bytes, record: bytes) -> None:
+    """Put the one row of a large buffer into it, again if that was interrupted."""
+    own.starts.clear()
+    own.begin(prologue)
+    start, own.end = own.end, own.end + len(record)
+    own.map[start + 1 : own.end] = record[1:]
+    own.map[start] = record[0]
+    own.starts.append(start)
 
 
 _LIVE: weakref.WeakSet[Journal] = weakref.WeakSet()

@@ -189,12 +189,21 @@ class Segment:
         getattr(os, "fdatasync", os.fsync)(self._descriptor)
 
     def finish(self, sync: bool = True) -> Path:
-        """Write the end of the file and give it its name; returns that."""
-        self._write(records.data_end(), self.contents.summary(self.size + len(records.data_end())))
-        if sync:
-            self.sync()
+        """Write the end of the file and give it its name; returns that. May be tried again.
+
+        Args:
+            sync: Whether to wait until the whole would survive a power cut.
+        """
+        data_end = self.size
+        try:
+            self._write(records.data_end(), self.contents.summary(self.size + len(records.data_end())))
+            if sync:
+                self.sync()
+            os.rename(self.active_path, self.path)
+        except BaseException:
+            self._cut(data_end)
+            raise
         os.close(self._descriptor)
-        os.rename(self.active_path, self.path)
         if sync:
             sync_folder(self.path.parent)
         return self.path
@@ -206,16 +215,18 @@ class Segment:
 
     def _write(self, *pieces: bytes | memoryview) -> None:
         """Write all or nothing."""
-        total = sum(map(len, pieces))
         try:
-            written = _write_all(self._descriptor, [memoryview(piece) for piece in pieces])
+            self.size += _write_all(self._descriptor, [memoryview(piece) for piece in pieces])
         except BaseException:
-            with contextlib.suppress(OSError):
-                os.ftruncate(self._descriptor, self.size)
-                os.lseek(self._descriptor, self.size, os.SEEK_SET)
+            self._cut(self.size)
             raise
-        assert written == total
-        self.size += total
+
+    def _cut(self, size: int) -> None:
+        """Go back to an earlier size, as far as the system lets us."""
+        with contextlib.suppress(OSError):
+            os.ftruncate(self._descriptor, size)
+            os.lseek(self._descriptor, size, os.SEEK_SET)
+        self.size = size
 
 
 def _write_all(descriptor: int, pieces: list[memoryview]) -> int:

@@ -10,14 +10,19 @@ from collections.abc import Callable
 
 from ..errors import StorageError
 from .blocks import BlockWriter
+from .buffer import Buffer
 from .chunk import Compressed, Compressor
-from .journal import Buffer, Journal
+from .journal import Journal
 
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.05, 1.0
 _CLOSE_PATIENCE_S = 5.0
 """How long `close` goes on trying to write to a disk that refuses, in seconds."""
 
 _THE_END = -1
+
+_POLL_S = 0.1
+_LOCK_PATIENCE_S = 0.01
+"""The writer thread never waits longer for an appending thread, which may be waiting for it."""
 
 _DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT}
 
@@ -72,15 +77,14 @@ class Writer:
         Raises:
             StorageError: It cannot be written.
         """
-        while not self._journal.seal():
+        while not self._journal.seal(_POLL_S):
             self._raise_failure()
-            self._journal._await_free()
         with self._progress:
             self._requested += 1
             ticket = self._requested
             self._journal.mark(ticket)
             while self._done < ticket:
-                self._progress.wait(0.1)
+                self._progress.wait(_POLL_S)
                 if self._done < ticket:
                     self._raise_failure()
                     if not self._thread.is_alive():
@@ -106,9 +110,15 @@ class Writer:
         self._thread.join()
         self._raise_failure()
 
+    @property
+    def is_here(self) -> bool:
+        """Whether the caller is the writer thread, which cannot wait for its own end."""
+        return threading.current_thread() is self._thread
+
     # -- the thread --------------------------------------------------------------------------------------------------
 
     def _run(self) -> None:
+        self._journal.writer_ident = threading.get_ident()
         try:
             while self._step():
                 pass
@@ -123,8 +133,9 @@ class Writer:
     def _step(self) -> bool:
         """Handle a sealed buffer, a mark or a tick of the clock; returns whether to go on."""
         taken = self._journal.take(self._tick_at() - time.monotonic())
-        if isinstance(taken, Buffer):
-            self._write(taken)
+        if isinstance(taken, tuple):
+            for buffer in taken:
+                self._write(buffer)
         elif taken == _THE_END:
             return False
         elif taken is not None:
@@ -133,7 +144,7 @@ class Writer:
                 self._progress.notify_all()
         if time.monotonic() >= self._tick_at():
             self._last_seal = time.monotonic()
-            self._journal.seal()
+            self._journal.seal(_LOCK_PATIENCE_S)
             self._sync_if_due()
         return True
 
@@ -144,8 +155,7 @@ class Writer:
 
     def _write(self, buffer: Buffer) -> None:
         self._write_block(buffer)
-        with self._journal.lock:
-            self.rows_written += len(buffer.starts)
+        self.rows_written += len(buffer.starts)
         self._journal.recycle(buffer)
         self._sync_if_due()
 
