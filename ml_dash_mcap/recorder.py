@@ -17,20 +17,20 @@ from typing import Any, Literal, TypeVar
 
 from . import clock
 from .errors import FieldError, StorageError, TopicError
+from .layout import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
 from .options import RecorderOptions
 from .recovery import recover_leftovers
 from .rows.encode import dumps, plain, plain_list
 from .timestamps import stamper
-from .topic import OWN_TOPICS, EventTopic, Topic, check_topic
+from .topic import Topic, check_topic
 from .version import LIBRARY
 from .write import records
-from .write.blocks import PARAMETERS, BlockWriter
-from .write.channels import TRACK, ChannelInfo
+from .write.blocks import BlockWriter
+from .write.channels import ChannelInfo
 from .write.journal import Journal
 from .write.session import SessionFiles
 from .write.writer import Writer
 
-TOPIC_METADATA = "ml_dash.topic"
 _MAX_TOPICS = 65_535
 
 T = TypeVar("T", bound=Topic)
@@ -161,7 +161,7 @@ class Recorder:
                     raise
                 topic = self._topics[(kind, name)] = cls(self, info)
         if said and not new:
-            self.write_metadata(TOPIC_METADATA, {"topic": name, **said})
+            self.write_metadata(TOPIC_RECORD, {"topic": name, **said})
         if not isinstance(topic, cls):
             raise TopicError(f"topic {name!r} is open as a {type(topic).__name__} already")
         return topic
@@ -174,7 +174,9 @@ class Recorder:
         Raises:
             FieldError: A value cannot be stored; the message names it.
         """
-        self.write_metadata(PARAMETERS, {name: _parameter_text(name, value) for name, value in parameters.items()})
+        self.write_metadata(
+            PARAMETERS_RECORD, {name: _parameter_text(name, value) for name, value in parameters.items()}
+        )
 
     def write_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record of a name of its own. It is as safe as a row when this returns."""
@@ -312,6 +314,3 @@ def _close(journal: Journal, writer: Writer, pid: int) -> None:
         journal.leave_behind()
         raise
     journal.remove()
-
-
-__all__ = ["OWN_TOPICS", "TOPIC_METADATA", "EventTopic", "Recorder", "Topic", "check_topic"]

@@ -12,23 +12,25 @@ import orjson
 from . import clock
 from .errors import FormatError, StateError
 from .export import FORMATS, Selection
+from .layout import (
+    ABOUT_RECORD,
+    FILE_TOPIC,
+    LOG_TOPIC,
+    METRIC_TOPICS,
+    OWN_TOPICS,
+    PARAMETERS_RECORD,
+    RUN_RECORD,
+    SESSION_GLOB,
+)
 from .lookup import Lookup, not_found
 from .read import rows, topics
 from .read.file import File
 from .read.records import Chunk
 from .read.segments import Segments
 from .read.topics import TopicInfo
-from .recovery import recover_leftovers
 from .rows.columns import check_columns
 
 Row = dict[str, Any]
-
-OWN_PREFIX = "ml_dash/"
-"""Topics under it are the recorder's own: logs, metrics, files."""
-
-LOG_TOPIC = OWN_PREFIX + "log"
-METRICS_PREFIX = OWN_PREFIX + "metrics/"
-FILES_TOPIC = OWN_PREFIX + "files"
 
 
 class Recording:
@@ -58,7 +60,7 @@ class Recording:
         self._closed = False
         self._infos: dict[str, TopicInfo] = {}
         if self.path.is_dir():
-            recover_leftovers(self.path)
+            _fold_in_leftovers(self.path)
         self._segments = Segments(self.path)
 
     @property
@@ -138,17 +140,17 @@ class Recording:
     @property
     def run(self) -> dict[str, str]:
         """What is known about the run, such as its `status`: what was said last counts."""
-        return self._merged("ml_dash.run")
+        return self._merged(RUN_RECORD)
 
     @property
     def params(self) -> dict[str, Any]:
         """The parameters, by dotted name: what was set last counts."""
         params: dict[str, Any] = {}
         for name, values in self.metadata:
-            if name == "ml_dash":  # each segment repeats what was set before it
+            if name == ABOUT_RECORD:  # each segment repeats what was set before it
                 repeated = _from_json(values.get("parameters", "{}"))
                 params.update(repeated if isinstance(repeated, dict) else {})
-            elif name == "ml_dash.parameters":
+            elif name == PARAMETERS_RECORD:
                 params.update({name: _from_json(text) for name, text in values.items()})
         return params
 
@@ -160,14 +162,14 @@ class Recording:
     @property
     def metrics(self) -> Mapping[str, list[Row]]:
         """Metric names, sorted, to their rows; each is read when it is asked for."""
-        topics = [name for name in self._channel_names() if name.startswith(METRICS_PREFIX)]
-        names = sorted(name.removeprefix(METRICS_PREFIX) for name in topics)
-        return Lookup("metric", names, lambda name: list(rows.read(self._opened(), METRICS_PREFIX + name)))
+        topics = [name for name in self._channel_names() if name.startswith(METRIC_TOPICS)]
+        names = sorted(name.removeprefix(METRIC_TOPICS) for name in topics)
+        return Lookup("metric", names, lambda name: list(rows.read(self._opened(), METRIC_TOPICS + name)))
 
     @property
     def files(self) -> list[Row]:
         """What was said about the files that were saved with the run, in time order."""
-        return list(rows.read(self._opened(), FILES_TOPIC))
+        return list(rows.read(self._opened(), FILE_TOPIC))
 
     def close(self) -> None:
         """Close the files. May be called twice."""
@@ -197,7 +199,7 @@ class Recording:
         return {channel.topic for file in self._opened() for channel in file.index.channels.values()}
 
     def _topic_names(self) -> list[str]:
-        return sorted(name for name in self._channel_names() if not name.startswith(OWN_PREFIX))
+        return sorted(name for name in self._channel_names() if not name.startswith(OWN_TOPICS))
 
     def _info(self, topic: str) -> TopicInfo:
         known = self._infos.get(topic)
@@ -276,6 +278,14 @@ class TopicReader:
 
     def __repr__(self) -> str:
         return f"TopicReader({self.name!r} of {str(self._recording.path)!r})"
+
+
+def _fold_in_leftovers(folder: Path) -> None:
+    """Give the rows that a dead recorder left in its journal a place in the recording."""
+    if next(folder.glob(SESSION_GLOB), None) is not None:
+        from .recovery import recover_leftovers  # which loads the writing side, and is hardly ever needed
+
+        recover_leftovers(folder)
 
 
 def _from_json(text: str) -> Any:

@@ -14,6 +14,15 @@ import numpy as np
 from mcap.records import Channel, ChunkIndex, MetadataIndex, Schema
 
 from .errors import DamagedFileError
+from .layout import (
+    ABOUT_RECORD,
+    ACTIVE_SUFFIX,
+    JOURNAL_RECORD,
+    KIND_KEY,
+    SEGMENT_SUFFIX,
+    SESSION_GLOB,
+    TRACK,
+)
 from .options import RecorderOptions
 from .read import chunk as read_chunk
 from .read import records as read
@@ -21,12 +30,10 @@ from .read.file import File
 from .version import LIBRARY
 from .write import records
 from .write.blocks import BlockWriter
-from .write.channels import KIND_KEY, TRACK, ChannelInfo
-from .write.journal import JOURNAL_METADATA
+from .write.channels import ChannelInfo
 from .write.lock import SessionLock
 from .write.rows import Block
-from .write.segment import ACTIVE_SUFFIX, Contents, Segment
-from .write.session import SESSION_GLOB
+from .write.segment import Contents, Segment
 
 _log = logging.getLogger("ml_dash_mcap")
 
@@ -77,7 +84,7 @@ class _Leftover:
             self.channels[info.number] = info
         elif opcode == read.Opcode.METADATA:
             found = read.metadata(fields)
-            if found.name == JOURNAL_METADATA:
+            if found.name == JOURNAL_RECORD:
                 self.session, self.chunk = found.values["session"], int(found.values["chunk"])
             else:
                 self.extras.append((at, end))
@@ -200,8 +207,8 @@ def _fold_in(
 
 
 def _unfinished(folder: Path, session: str) -> Iterable[Path]:
-    """Yield the session's segments in progress; one that the crash left without a header says nothing, and is nobody's."""
-    for path in sorted(folder.glob(f"*.mcap{ACTIVE_SUFFIX}")):
+    """Yield the session's segments in progress; one without a header says not whose it is."""
+    for path in sorted(folder.glob(f"*{SEGMENT_SUFFIX}{ACTIVE_SUFFIX}")):
         run = _run_of(path)
         if run == session:
             yield path
@@ -214,7 +221,7 @@ def _run_of(path: Path) -> str | None:
     except DamagedFileError:
         return None
     try:
-        about = next((record.values for record in file.metadata() if record.name == "ml_dash"), None)
+        about = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), None)
         return None if about is None else about.get("run")
     finally:
         file.close()
@@ -302,13 +309,13 @@ def _written_so_far(folder: Path, session: str) -> tuple[int, dict[str, int]]:
     The session's segments are its newest ones, so that older runs in the folder are not opened.
     """
     chunks, rows = 0, dict[str, int]()
-    for path in sorted(folder.glob("*.mcap"), reverse=True):
+    for path in sorted(folder.glob(f"*{SEGMENT_SUFFIX}"), reverse=True):
         try:
             file = File(path)
         except DamagedFileError:
             continue
         try:
-            about = next((record.values for record in file.metadata() if record.name == "ml_dash"), {})
+            about = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
             if about.get("run") != session:
                 if chunks:
                     break

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from . import clock
 from .errors import FieldError, TopicError, UsageError
+from .layout import OWN_TOPICS
 from .rows.encode import EXACT_KEY, TIME_KEY, dumps, exact, plain
 from .timestamps import MISSING
 from .write import records
@@ -15,9 +16,6 @@ from .write.channels import ChannelInfo
 
 if TYPE_CHECKING:
     from .recorder import Recorder
-
-OWN_TOPICS = "ml_dash/"
-"""Topics that begin so are the library's own."""
 
 _MAX_TOPIC_BYTES = 1024
 

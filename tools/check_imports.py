@@ -14,7 +14,7 @@ PACKAGE = "ml_dash_mcap"
 ROOT = Path(__file__).resolve().parent.parent / PACKAGE
 
 FLOORS: list[set[str]] = [
-    {"version", "errors", "clock"},
+    {"version", "errors", "clock", "layout"},
     {"options", "timestamps", "paths", "definitions", "lookup"},
     {"rows"},
     {"write", "read"},

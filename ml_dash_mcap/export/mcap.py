@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from zlib import crc32
 
 from .. import clock
+from ..layout import TRACK
 from ..read import counts, messages, records, rows, schemas
 from ..read.fields import Fields
 from ..read.file import File
@@ -37,7 +38,7 @@ def render(selection: Selection) -> bytes:
     writer.start(profile="", library=LIBRARY)
     found = counts.channels(selection.files, selection.topic)
     if found:
-        if counts.kind(selection.files, selection.topic) == "track" or selection.columns is not None:
+        if counts.kind(selection.files, selection.topic) == TRACK or selection.columns is not None:
             _add_rows(writer, selection, found)
         else:
             _add_messages(writer, selection, found)

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import clock
+from ..layout import KIND_KEY, TRACK
 from ..rows.encode import TIME_KEY
 from . import chunk as chunks
 from . import plan, rows
@@ -32,7 +33,7 @@ def channels(files: Sequence[File], topic: str) -> list[tuple[File, Channel]]:
 def kind(files: Sequence[File], topic: str) -> str | None:
     """Return what kind of topic it is; None where no channel of it says."""
     for _, channel in channels(files, topic):
-        found = channel.metadata.get("kind")
+        found = channel.metadata.get(KIND_KEY)
         if found is not None:
             return found
     return None
@@ -45,7 +46,7 @@ def count(files: Sequence[File], topic: str) -> int:
     indexes know; and only times of the first 97 days, where two doubles can share a nanosecond, need the payloads.
     """
     total = sum(file.index.message_counts.get(channel.id, 0) for file, channel in channels(files, topic))
-    if kind(files, topic) != "track":
+    if kind(files, topic) != TRACK:
         return total
     return total - _duplicates(files, topic)
 

@@ -7,15 +7,13 @@ from collections import OrderedDict
 from pathlib import Path
 
 from ..errors import DamagedFileError
+from ..layout import ACTIVE_SUFFIX
 from . import chunk as chunks
 from . import index, limits, records, summary, walk
 from .fields import Bytes, Fields
 from .index import FileIndex
 from .records import Chunk, Header, MessageIndex, Opcode
 from .source import LocalFile, Source
-
-ACTIVE_SUFFIX = ".active"
-"""What a segment's name ends with while it is being recorded."""
 
 _KEPT_CHUNKS = 4
 _HEAD_BYTES = 4096

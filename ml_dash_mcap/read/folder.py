@@ -7,9 +7,7 @@ import os
 from pathlib import Path
 
 from ..errors import MissingRecordingError
-from .file import ACTIVE_SUFFIX
-
-SUFFIX = ".mcap"
+from ..layout import ACTIVE_SUFFIX, SEGMENT_SUFFIX
 
 _SEARCH_DEPTH = 4
 _NAMED = 5
@@ -31,7 +29,7 @@ def segments(path: Path) -> list[Path]:
     found: dict[str, Path] = {}
     for name in sorted(os.listdir(path)):  # "x.mcap" comes before "x.mcap.active" and wins
         stem = name.removesuffix(ACTIVE_SUFFIX)
-        if stem.endswith(SUFFIX) and not name.startswith("."):
+        if stem.endswith(SEGMENT_SUFFIX) and not name.startswith("."):
             found.setdefault(stem, path / name)
     if not found:
         _refuse_parent(path)
@@ -51,7 +49,7 @@ def _recordings_below(path: Path) -> list[str]:
     for folder, names, files in os.walk(path):
         depth = len(Path(folder).relative_to(path).parts)
         names[:] = sorted(name for name in names if not name.startswith(".")) if depth < _SEARCH_DEPTH else []
-        if depth and any(name.removesuffix(ACTIVE_SUFFIX).endswith(SUFFIX) for name in files):
+        if depth and any(name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX) for name in files):
             found.append(Path(folder).relative_to(path).as_posix())
             if len(found) > _NAMED:
                 break

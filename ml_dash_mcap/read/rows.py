@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import clock
 from ..errors import DamagedFileError, RangeError
+from ..layout import KIND_KEY, TRACK
 from ..rows.encode import TIME_KEY
 from ..rows.merge import merge
 from . import messages
@@ -112,7 +113,7 @@ def _set_time(row: Row, time: Any, time_ns: int) -> None:
 
 
 def _merge_same_times(batch: Batch, rows: list[Row]) -> list[Row]:
-    merges = [origin.channel.metadata.get("kind") == "track" for origin in batch.origins]
+    merges = [origin.channel.metadata.get(KIND_KEY) == TRACK for origin in batch.origins]
     edges = np.flatnonzero(batch.times_ns[1:] != batch.times_ns[:-1]) + 1
     merged: list[Row] = []
     start = 0

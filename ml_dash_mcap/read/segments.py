@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import MissingRecordingError
+from ..layout import ACTIVE_SUFFIX
 from . import folder
-from .file import ACTIVE_SUFFIX, File
+from .file import File
 
 
 class Segments:

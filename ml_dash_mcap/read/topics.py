@@ -8,11 +8,9 @@ from typing import Any
 
 import orjson
 
+from ..layout import TOPIC_RECORD
 from . import counts, schemas
 from .file import File
-
-TOPIC_RECORD = "ml_dash.topic"
-"""The metadata record that says more about a topic."""
 
 _DESCRIBING = ("description", "tags", "metadata")
 

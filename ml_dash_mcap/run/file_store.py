@@ -15,10 +15,9 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Protocol
 
 from ..errors import NotFoundError, StorageError
+from ..layout import FILE_TOPIC
 from ..rows import encode
 from .utc import now_text, text_of
-
-TOPIC = "ml_dash/files"
 
 _PARTIAL = ".ml_dash-partial-"
 """How the names of files begin that are still being written."""
@@ -93,7 +92,7 @@ class FileStore:
         """
         self._journal.check_open()
         fields = details.fields()
-        encode.exact(fields, TOPIC)  # a mistake in them should not leave a file without its row
+        encode.exact(fields, FILE_TOPIC)  # a mistake in them should not leave a file without its row
         target = self.folder.joinpath(path)
         with _storage_errors(f"cannot save {path}"), self._beside(target) as partial:
             write(partial)

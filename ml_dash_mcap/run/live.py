@@ -8,10 +8,11 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Generic, Literal
 
 from .. import definitions
+from ..layout import FILE, FILE_TOPIC, RUN_RECORD
 from ..options import RecorderOptions
 from ..recorder import Recorder
 from ..topic import EventTopic
-from . import file_store, utc
+from . import utc
 from .file_store import Details, FileStore
 from .files import Files
 from .logs import Logs
@@ -19,9 +20,6 @@ from .metrics import Metrics
 from .parameters import Parameters
 from .readback import Readback
 from .tracks import Tracks, TrackT
-
-RUN_RECORD = "ml_dash.run"
-"""The metadata record that says how a run stands; the last one counts."""
 
 Timestamps = Literal["strict", "auto"]
 Status = Literal["running", "completed", "failed", "cancelled"]
@@ -105,11 +103,11 @@ class _FileRows:
 
     def append(self, row: dict[str, Any]) -> None:
         schema = definitions.load("ml_dash.file")
-        topic = self._recorder._open(file_store.TOPIC, "file", EventTopic, schema=schema, schema_name="ml_dash.file")
+        topic = self._recorder._open(FILE_TOPIC, FILE, EventTopic, schema=schema, schema_name="ml_dash.file")
         topic.add(row)
 
     def rows(self) -> Iterable[dict[str, Any]]:
-        return self._readback.rows(file_store.TOPIC)
+        return self._readback.rows(FILE_TOPIC)
 
     def check_open(self) -> None:
         self._readback.check_open()

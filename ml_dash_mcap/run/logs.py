@@ -10,10 +10,9 @@ from typing import Any
 
 from .. import clock, definitions
 from ..errors import FieldError
+from ..layout import LOG, LOG_TOPIC
 from ..recorder import Recorder
 from ..topic import EventTopic
-
-TOPIC = "ml_dash/log"
 
 LEVELS = {"info": 2, "warn": 3, "error": 4, "debug": 1, "fatal": 5}
 """ml-dash's names of the levels, and the numbers that foxglove.Log has for them."""
@@ -87,7 +86,7 @@ class Logs:
             raise FieldError(f"Invalid log level: {level!r}. Must be one of: {', '.join(LEVELS)}")
         topic = self._topic
         if topic is None:
-            topic = self._recorder._open(TOPIC, "log", EventTopic, schema=self._schema, schema_name="foxglove.Log")
+            topic = self._recorder._open(LOG_TOPIC, LOG, EventTopic, schema=self._schema, schema_name="foxglove.Log")
             self._topic = topic
         row = {
             "timestamp": clock.sec_nsec(time.time_ns()),

@@ -6,13 +6,12 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..errors import FieldError
+from ..layout import METRIC, METRIC_TOPICS
 from ..recorder import Recorder
 from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..topic import EventTopic, check_topic
 from . import pages
 from .readback import Readback
-
-PREFIX = "ml_dash/metrics/"
 
 
 class Metric:
@@ -108,7 +107,7 @@ class Metrics:
             return metric
         check_topic(name)
         topic = self._recorder._open(
-            PREFIX + name, "metric", EventTopic, description=description, tags=tags, metadata=metadata
+            METRIC_TOPICS + name, METRIC, EventTopic, description=description, tags=tags, metadata=metadata
         )
         return self._opened.setdefault(name, metric or Metric(name, topic, self._readback))
 

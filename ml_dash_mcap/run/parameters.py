@@ -10,12 +10,10 @@ from typing import Any
 
 import orjson
 
+from ..layout import PARAMETERS_RECORD
 from ..recorder import Recorder
 from ..rows import encode
 from .readback import Readback
-
-RECORD = "ml_dash.parameters"
-"""The metadata record that holds them."""
 
 
 class Parameters:
@@ -112,7 +110,7 @@ def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
 
 def _as_stored(name: str, value: Any) -> Any:
     """Return a value as it comes back from the file: a copy, made of plain types."""
-    return encode.restore(orjson.loads(encode.exact({name: value}, RECORD)))[name]
+    return encode.restore(orjson.loads(encode.exact({name: value}, PARAMETERS_RECORD)))[name]
 
 
 def _fields(value: Any) -> dict[str, Any] | None:

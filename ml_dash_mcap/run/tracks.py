@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Generic, TypeVar, overload
 
 from ..errors import EntryNotFoundError, FieldError, RangeError
+from ..layout import TRACK
 from ..recorder import Recorder
 from ..topic import Topic, check_topic
 from .readback import Readback
@@ -210,7 +211,7 @@ class Tracks(Generic[TrackT]):
         if track is not None and description is None and tags is None and metadata is None:
             return track
         check_topic(topic)
-        track = self._recorder._open(topic, "track", self._kind, description=description, tags=tags, metadata=metadata)
+        track = self._recorder._open(topic, TRACK, self._kind, description=description, tags=tags, metadata=metadata)
         track.bind(self._readback)
         self._opened[topic] = track
         return track

@@ -19,19 +19,17 @@ from mcap.data_stream import ReadDataStream
 from mcap.records import Metadata
 
 from .. import clock
+from ..layout import ACTIVE_SUFFIX, DROPS_RECORD, PARAMETERS_RECORD, SEGMENT_SUFFIX, TRACK
 from ..options import RecorderOptions
 from ..rows import schema as schemas
 from ..rows.encode import TIME_KEY
 from ..rows.skeleton import Bones, Form, Skeletons
 from . import records
-from .channels import TRACK, ChannelInfo
+from .channels import ChannelInfo
 from .chunk import Compressor, build, compressor
 from .merging import merge_same_time
 from .rows import Block, Rows, pack, replaced
-from .segment import ACTIVE_SUFFIX, Segment
-
-PARAMETERS = "ml_dash.parameters"
-DROPS = "ml_dash.drops"
+from .segment import Segment
 
 _log = logging.getLogger("ml_dash_mcap")
 
@@ -202,7 +200,7 @@ class BlockWriter:
     def _write_metadata(self, record: bytes) -> None:
         parsed = Metadata.read(ReadDataStream(BytesIO(record[9:])))
         self._ensure_segment().add_metadata(parsed.name, record)
-        if parsed.name == PARAMETERS:
+        if parsed.name == PARAMETERS_RECORD:
             self._parameters.update(parsed.metadata)
 
     # -- the tracks' clock -------------------------------------------------------------------------------------------
@@ -249,7 +247,7 @@ class BlockWriter:
     def _ensure_segment(self) -> Segment:
         while self._segment is None:
             self._number += 1
-            path = self.folder / f"{self._stamp}_{self._number:06d}.mcap"
+            path = self.folder / f"{self._stamp}_{self._number:06d}{SEGMENT_SUFFIX}"
             with contextlib.suppress(FileExistsError):
                 self._segment = Segment(path, self._about["library"], self._describe())
                 self._segment_opened = time.monotonic()
@@ -294,7 +292,7 @@ class BlockWriter:
             said = {topic: str(count) for topic, count in drops.items()}
             segment = self._ensure_segment()
             if said:
-                segment.add_metadata(DROPS, records.metadata(DROPS, said))
+                segment.add_metadata(DROPS_RECORD, records.metadata(DROPS_RECORD, said))
             self._drops_said = dict(drops)
         self.finish_segment()
         while self._set_aside:  # what a failed sync did to them is unknown; it is not asked for again
@@ -320,6 +318,10 @@ def _stamp_after(folder: Path) -> str:
     Segments are read in the order of their names, and a robot's clock may have been reset since the last run.
     """
     now = datetime.datetime.now(datetime.timezone.utc).strftime("%Y%m%dT%H%M%S.%fZ")
-    names = [path.name for pattern in ("*.mcap", f"*.mcap{ACTIVE_SUFFIX}") for path in folder.glob(pattern)]
+    names = [
+        path.name
+        for pattern in (f"*{SEGMENT_SUFFIX}", f"*{SEGMENT_SUFFIX}{ACTIVE_SUFFIX}")
+        for path in folder.glob(pattern)
+    ]
     stamps = [name.split("_")[0] for name in names if name.split("_")[0].endswith("Z")]
     return max([now, *stamps])

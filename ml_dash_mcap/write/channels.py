@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from ..layout import KIND_KEY
 from ..rows import schema as schemas
 from . import records
-
-KIND_KEY = "kind"
-TRACK = "track"
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,12 +18,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import BacklogFullError, FieldError, StateError, StorageError, TopicError
+from ..layout import JOURNAL_RECORD
 from ..options import RecorderOptions
 from . import records
 from .buffer import Buffer
 from .session import SessionFiles
-
-JOURNAL_METADATA = "ml_dash.journal"
 
 _WAIT_S = 0.05
 _LONGEST_WAIT_S = 3600.0
@@ -78,7 +77,7 @@ class Journal:
         _LIVE.add(self)
 
     def _prologue(self, chunk: int, registry: bytes) -> bytes:
-        whose = records.metadata(JOURNAL_METADATA, {"session": self.session.name, "chunk": str(chunk)})
+        whose = records.metadata(JOURNAL_RECORD, {"session": self.session.name, "chunk": str(chunk)})
         return records.header("ml_dash_mcap journal") + whose + registry
 
     # -- appending threads -------------------------------------------------------------------------------------------

@@ -12,11 +12,9 @@ from pathlib import Path
 from mcap.opcode import Opcode
 from mcap.records import ChunkIndex, MetadataIndex, Statistics, SummaryOffset
 
+from ..layout import ABOUT_RECORD, ACTIVE_SUFFIX
 from . import records
 from .chunk import Chunk
-
-ACTIVE_SUFFIX = ".active"
-"""Follows `.mcap` while a segment is in progress; no viewer takes such a file for a finished one."""
 
 
 @dataclass(slots=True)
@@ -99,7 +97,7 @@ class Segment:
             if path.exists():
                 raise FileExistsError(path)
             self._write(records.header(library))
-            self.add_metadata("ml_dash", records.metadata("ml_dash", about))
+            self.add_metadata(ABOUT_RECORD, records.metadata(ABOUT_RECORD, about))
         except BaseException:
             self.discard()
             raise

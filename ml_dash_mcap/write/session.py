@@ -10,13 +10,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from ..errors import StorageError
+from ..layout import JOURNAL_FILE, SESSION_FILE
 from ..options import RecorderOptions
 from .buffer import Buffer
 from .lock import SessionLock
-
-SESSION_FILE = ".ml_dash-{session}.json"
-SESSION_GLOB = ".ml_dash-*.json"
-JOURNAL_FILE = ".ml_dash-{session}-{number}.journal"
 
 _SHARED_MEMORY = Path("/dev/shm")
 

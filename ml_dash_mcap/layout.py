@@ -1,0 +1,38 @@
+"""The names of what lies in a run's folder, and of our metadata records: where writing and reading meet."""
+
+from __future__ import annotations
+
+SEGMENT_SUFFIX = ".mcap"
+
+ACTIVE_SUFFIX = ".active"
+"""Follows `SEGMENT_SUFFIX` while a segment is in progress; no viewer takes such a file for a finished one."""
+
+SESSION_FILE = ".ml_dash-{session}.json"
+"""Locked while its recorder lives; says where the journal is."""
+
+SESSION_GLOB = SESSION_FILE.format(session="*")
+
+JOURNAL_FILE = ".ml_dash-{session}-{number}.journal"
+
+ABOUT_RECORD = "ml_dash"
+"""The first metadata record of each segment."""
+
+PARAMETERS_RECORD = "ml_dash.parameters"
+TOPIC_RECORD = "ml_dash.topic"
+RUN_RECORD = "ml_dash.run"
+DROPS_RECORD = "ml_dash.drops"
+JOURNAL_RECORD = "ml_dash.journal"
+"""In journal buffers only."""
+
+OWN_TOPICS = "ml_dash/"
+"""Topics that begin so are the library's own."""
+
+LOG_TOPIC = OWN_TOPICS + "log"
+METRIC_TOPICS = OWN_TOPICS + "metrics/"
+FILE_TOPIC = OWN_TOPICS + "files"
+
+KIND_KEY = "kind"
+"""In a channel's metadata: one of the kinds below."""
+
+TRACK, LOG, METRIC, FILE = "track", "log", "metric", "file"
+"""Only the rows of tracks merge."""
