@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .options import RecorderOptions
     from .recorder import Recorder
     from .recording import Recording
-    from .recovery import recover_leftovers as recover
+    from .recovery import recover
     from .session import Session
     from .topic import Topic
 
@@ -35,7 +35,7 @@ def __getattr__(name: str) -> Any:
     from importlib import import_module
 
     home = import_module(f"{__name__}.{_HOMES[name]}")
-    found = getattr(home, "recover_leftovers" if name == "recover" else name)
+    found = getattr(home, name)
     globals()[name] = found
     return found
 

@@ -19,13 +19,13 @@ from . import clock
 from .errors import FieldError, StorageError, TopicError
 from .layout import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
 from .options import RecorderOptions
-from .recovery import recover_leftovers
+from .recovery import recover
 from .rows.encode import dumps, plain, plain_list
 from .timestamps import stamper
 from .topic import Topic, check_topic
 from .version import LIBRARY
 from .write import records
-from .write.blocks import BlockWriter
+from .write.blocks import STAMP, BlockWriter, stamp_after
 from .write.channels import ChannelInfo
 from .write.journal import Journal
 from .write.session import SessionFiles
@@ -72,7 +72,7 @@ class Recorder:
         self.session = uuid.uuid4().hex[:16]
         """Names this opening of the recording; `run` in the metadata."""
         self._stamper = stamper(timestamps)
-        recover_leftovers(self.path)
+        recover(self.path)
         self._channels: dict[int, ChannelInfo] = {}
         self._topics: dict[tuple[str, str], Topic] = {}
         self._topics_lock = threading.Lock()
@@ -98,6 +98,7 @@ class Recorder:
             "run_start": datetime.datetime.now(datetime.timezone.utc).isoformat(),
             "host": socket.gethostname(),
             "library": LIBRARY,
+            STAMP: stamp_after(self.path),
         }
 
     # -- topics ------------------------------------------------------------------------------------------------------

@@ -283,9 +283,9 @@ class TopicReader:
 def _fold_in_leftovers(folder: Path) -> None:
     """Give the rows that a dead recorder left in its journal a place in the recording."""
     if next(folder.glob(SESSION_GLOB), None) is not None:
-        from .recovery import recover_leftovers  # which loads the writing side, and is hardly ever needed
+        from .recovery import recover  # which loads the writing side, and is hardly ever needed
 
-        recover_leftovers(folder)
+        recover(folder)
 
 
 def _from_json(text: str) -> Any:

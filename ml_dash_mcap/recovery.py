@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import glob
 import json
 import logging
+import socket
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +15,7 @@ from typing import Any
 import numpy as np
 from mcap.records import Channel, ChunkIndex, MetadataIndex, Schema
 
-from .errors import DamagedFileError
+from .errors import DamagedFileError, MissingRecordingError
 from .layout import (
     ABOUT_RECORD,
     ACTIVE_SUFFIX,
@@ -29,7 +31,7 @@ from .read import records as read
 from .read.file import File
 from .version import LIBRARY
 from .write import records
-from .write.blocks import BlockWriter
+from .write.blocks import STAMP, BlockWriter
 from .write.channels import ChannelInfo
 from .write.lock import SessionLock
 from .write.rows import Block
@@ -91,22 +93,27 @@ class _Leftover:
         self.gaps.append((at, end))
 
 
-def recover_leftovers(folder: Path) -> Recovered:
+def recover(path: str | Path) -> Recovered:
     """Recover what dead recorders left in a run's folder; leave alone what living ones are writing.
 
-    Nothing is lost if this is interrupted: it may be repeated. A folder that cannot be written stays as it is.
+    `Recorder` and `Recording` do this when they open a folder. Nothing is lost if it is interrupted.
 
     Args:
-        folder: The run's folder.
+        path: The run's folder.
+
+    Raises:
+        MissingRecordingError: There is no such folder.
     """
+    folder = Path(path).expanduser()
+    if not folder.is_dir():
+        raise MissingRecordingError(errno.ENOENT, "no recording here", str(path))
     done = Recovered()
     for session_file in sorted(folder.glob(SESSION_GLOB)):
         lock = SessionLock.seize(session_file)
         if lock is None:
             continue
         try:
-            one = _recover_session(folder, session_file)
-            lock.remove()
+            one = _recover_session(folder, lock)
             done = Recovered([*done.finished, *one.finished], done.rows + one.rows)
         except Exception as error:  # whatever is wrong with one session, the others and this folder's user go on
             _log.warning("the leftovers of a crashed recorder in %s stay as they are: %r", folder, error)
@@ -115,23 +122,44 @@ def recover_leftovers(folder: Path) -> Recovered:
     return done
 
 
-def _recover_session(folder: Path, session_file: Path) -> Recovered:
-    said = _read_session(session_file)
-    session = str(said.get("session") or session_file.stem.removeprefix(".ml_dash-"))
-    leftovers = _read_journals(str(said.get("journals") or ""), session)
-    finished = [_finish(path) for path in _unfinished(folder, session)]
+def _recover_session(folder: Path, lock: SessionLock) -> Recovered:
+    said = _read_session(lock.path)
+    session = str(said.get("session") or lock.path.stem.removeprefix(".ml_dash-"))
+    journals = [Path(name) for name in _journal_names(str(said.get("journals") or ""))]
+    is_copy = _is_copy(said, lock)
+    if is_copy and SessionLock.is_held(Path(said["path"])):
+        journals = []  # their recorder lives; this folder is a copy of its
+    elif not journals and said.get("host") not in (None, socket.gethostname()):
+        _log.warning(
+            "%s: the rows that a recorder on %s had not written yet are in its journal there (%s); open the recording"
+            " there to get them",
+            folder,
+            said["host"],
+            said.get("journals"),
+        )
+        return Recovered()
+    leftovers = _read_journals(journals, session)
+    about = {str(key): str(value) for key, value in dict(said.get("about") or {}).items()}
+    finished = [_finish(path) for path in _unfinished(folder, session, about.pop(STAMP, ""))]
     written, sequences = _written_so_far(folder, session)
     pending = [leftover for leftover in leftovers if leftover.chunk >= written]
     rows = sum(len(leftover.starts) for leftover in pending)
     if rows or any(leftover.extras for leftover in pending):
-        about = {str(k): str(v) for k, v in dict(said.get("about") or {}).items()}
         about = {"prefix": folder.name, "run": session, **about, "library": LIBRARY, "recovered": "true"}
         finished += _fold_in(folder, about, pending, written, sequences)
-    for leftover in leftovers:
-        leftover.path.unlink(missing_ok=True)
-    for name in _journal_names(str(said.get("journals") or "")):
-        Path(name).unlink(missing_ok=True)
+    if not is_copy:
+        for journal in journals:
+            journal.unlink(missing_ok=True)
+    lock.remove()
     return Recovered(finished, rows)
+
+
+def _is_copy(said: dict[str, Any], lock: SessionLock) -> bool:
+    """Whether a session file was copied along with its folder, and the one that the journal belongs to is there yet."""
+    original = said.get("path")
+    if not isinstance(original, str) or said.get("inode") in (None, lock.inode):
+        return False
+    return Path(original) != lock.path.absolute() and Path(original).exists()
 
 
 def _read_session(session_file: Path) -> dict[str, Any]:
@@ -151,9 +179,9 @@ def _journal_names(pattern: str) -> list[str]:
 # -- the journal -------------------------------------------------------------------------------------------------------
 
 
-def _read_journals(pattern: str, session: str) -> list[_Leftover]:
+def _read_journals(paths: list[Path], session: str) -> list[_Leftover]:
     """Read the buffers that hold something, in the order in which they were filled."""
-    found = [_read_journal(Path(name), session) for name in _journal_names(pattern)]
+    found = [_read_journal(path, session) for path in paths]
     return sorted((one for one in found if one is not None), key=lambda one: (one.chunk, bool(one.starts)))
 
 
@@ -206,12 +234,20 @@ def _fold_in(
 # -- the segments ------------------------------------------------------------------------------------------------------
 
 
-def _unfinished(folder: Path, session: str) -> Iterable[Path]:
-    """Yield the session's segments in progress; one without a header says not whose it is."""
+def _unfinished(folder: Path, session: str, stamp: str) -> Iterable[Path]:
+    """Yield the session's segments in progress; one that the crash left without a header is deleted.
+
+    Args:
+        folder: The run's folder.
+        session: Whose segments.
+        stamp: How their names begin.
+    """
     for path in sorted(folder.glob(f"*{SEGMENT_SUFFIX}{ACTIVE_SUFFIX}")):
         run = _run_of(path)
         if run == session:
             yield path
+        elif run is None and stamp and path.name.startswith(f"{stamp}_"):
+            path.unlink()
 
 
 def _run_of(path: Path) -> str | None:
@@ -232,11 +268,14 @@ def _finish(path: Path) -> Path:
     file = File(path)
     try:
         index = file.index
-        if index.finished:
+        torn = _torn_schemas(file)
+        if index.finished and not torn:
             finished = path.with_name(path.name.removesuffix(ACTIVE_SUFFIX))
             path.rename(finished)
             return finished
         contents = _contents(index)
+        for number in torn:
+            contents.schemas[number] = _bare(contents.schemas[number])
         last = index.chunks[-1] if index.chunks else None
         rebuilt: dict[int, bytes] = {}
         size = index.end
@@ -248,10 +287,38 @@ def _finish(path: Path) -> Path:
             contents.metadata = [entry for entry in contents.metadata if entry.offset < size]
     finally:
         file.close()
-    segment = Segment.reopen(path, size, contents)
+    segment = Segment.reopen(path, size, contents, torn)
     if rebuilt:
         segment.add_message_indexes(rebuilt)
     return segment.finish()
+
+
+def _torn_schemas(file: File) -> dict[int, int]:
+    """Return where those schemas lie, by id, that a crash cut while they were rewritten in place."""
+    torn = {number for number, schema in file.index.schemas.items() if not _is_json(schema)}
+    found: dict[int, int] = {}
+    at = len(read.MAGIC)
+    while torn - set(found) and at < file.index.end:
+        opcode, length = read.prefix(file.source.read(at, read.PREFIX_BYTES), 0)
+        if opcode == read.Opcode.SCHEMA:
+            number = int.from_bytes(file.source.read(at + read.PREFIX_BYTES, 2), "little")
+            if number in torn:
+                found[number] = at
+        at += read.PREFIX_BYTES + length
+    return found
+
+
+def _is_json(schema: read.Schema) -> bool:
+    try:
+        return schema.encoding != "jsonschema" or isinstance(json.loads(schema.data), dict)
+    except ValueError:
+        return False
+
+
+def _bare(record: bytes) -> bytes:
+    """Return a Schema record of the same length whose text says only that messages are objects."""
+    schema = read.schema(read.Fields(record, "", 0, read.PREFIX_BYTES))
+    return record[: len(record) - len(schema.data)] + b'{"type":"object"}'.ljust(len(schema.data))
 
 
 def _contents(index: Any) -> Contents:

@@ -48,6 +48,10 @@ class Prepared:
     """Whether a new segment begins with it."""
 
 
+STAMP = "stamp"
+"""In what a session says about itself: the first part of its segments' names."""
+
+
 class BlockWriter:
     """Writes blocks of one recorder session into its folder. Used by one thread at a time.
 
@@ -87,7 +91,7 @@ class BlockWriter:
         self._skeletons: dict[int, Skeletons] = {}
         self._sequences: dict[int, int] = dict(sequences or {})
         self._parameters: dict[str, str] = {}
-        self._stamp = _stamp_after(folder)
+        self._stamp = self._about.pop(STAMP, "") or stamp_after(folder)
         self._number = 0
         self._segment: Segment | None = None
         self._segment_opened = 0.0
@@ -266,9 +270,11 @@ class BlockWriter:
 
     def set_aside(self) -> None:
         """Leave the segment in progress, on which a write failed, and go on in a new one."""
-        if self._segment is not None:
-            self._set_aside.append(self._segment)
-            self._segment = None
+        segment, self._segment = self._segment, None
+        if segment is not None and segment.contents.chunks:
+            self._set_aside.append(segment)
+        elif segment is not None:
+            segment.discard()
 
     def sync(self) -> None:
         """Wait until what was written would survive a power cut."""
@@ -312,7 +318,7 @@ def _retime(rows: Rows, which: npt.NDArray[np.intp], time_ns: int) -> Rows:
     return replaced(rows, np.ones(len(rows), np.bool_), payloads)
 
 
-def _stamp_after(folder: Path) -> str:
+def stamp_after(folder: Path) -> str:
     """Return now, in UTC, as the first part of a segment's name; never before a name that the folder has already.
 
     Segments are read in the order of their names, and a robot's clock may have been reset since the last run.

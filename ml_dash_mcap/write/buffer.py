@@ -25,6 +25,7 @@ class Buffer:
         "gaps",
         "has_extras",
         "is_large",
+        "is_sealed",
         "limit",
         "map",
         "path",
@@ -50,6 +51,8 @@ class Buffer:
         self.is_large = is_large
         self.limit = size - 1 if path is not None else -1
         """The last offset that a record may end at; the byte there stays 0. Below 0: nothing is taken."""
+        self.is_sealed = False
+        """Whether a large one is the writer's already."""
         self.end = 0
         """Where the next record goes."""
         self.prologue = 0

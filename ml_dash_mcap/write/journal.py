@@ -68,6 +68,9 @@ class Journal:
         self._sealed: queue.SimpleQueue[tuple[Buffer, ...] | int] = queue.SimpleQueue()
         self._free: queue.SimpleQueue[Buffer] = queue.SimpleQueue()
         self._freed = threading.Event()
+        self._rotating = False
+        """Whether a rotation is under way. Who holds the lock and finds it set has interrupted that rotation, and must
+        not wait for what it will bring about."""
         self._shut: str | None = None
         self._nothing = Buffer(None, 0)
         for buffer in session.buffers[1:]:
@@ -249,14 +252,12 @@ class Journal:
         self._large_taken += size
         try:
             taken = self._until(lambda: self._rotate(self.active, own, record), topic, 1)
-        except BaseException:
-            self._give_back(own)
-            raise
-        if not taken:
-            self._give_back(own)
-        elif last_s is not None:
-            self.last_s = last_s
-        return taken
+            if taken and last_s is not None:
+                self.last_s = last_s
+            return taken
+        finally:
+            if not own.is_sealed:
+                self._give_back(own)
 
     def _give_back(self, large: Buffer) -> None:
         self._large_given_back += large.size
@@ -280,16 +281,19 @@ class Journal:
                 if put():
                     return True
                 failure = self.failure()
-                is_refused = self._must_refuse(failure)
+                is_refused = self._cannot_wait() or (rows is not None and self._may_refuse(failure))
                 if rows is not None and is_refused:
                     self.dropped[topic] = self.dropped.get(topic, 0) + rows
-            if rows is not None and is_refused:
+            if is_refused:
                 return self._refuse(topic, failure)
             self._freed.wait(_WAIT_S)
 
-    def _must_refuse(self, failure: BaseException | None) -> bool:
-        is_writer = threading.get_ident() == self.writer_ident  # in a finalizer; it would wait for itself
-        return self.options.on_full != "block" or failure is not None or is_writer
+    def _cannot_wait(self) -> bool:
+        """Whether waiting would be for ever: in a signal handler or finalizer that interrupted who makes room."""
+        return self._rotating or threading.get_ident() == self.writer_ident
+
+    def _may_refuse(self, failure: BaseException | None) -> bool:
+        return self.options.on_full != "block" or failure is not None
 
     def _refuse(self, topic: str, failure: BaseException | None) -> bool:
         what = f"append() on topic {topic!r}: the backlog of {self.options.backlog_bytes} bytes is full"
@@ -342,6 +346,7 @@ class Journal:
         except queue.Empty:
             return False
         is_used = False
+        self._rotating = True
         try:
             end, registry, put = full.end, self._registry, self._sealed.put
             rows, chunks = self._sealed_rows + len(full.starts), self._chunks + bool(full.starts)
@@ -355,8 +360,11 @@ class Journal:
                 self._sealed_rows = rows
                 self.active = fresh
                 is_used = True
+                if own is not None:
+                    own.is_sealed = True
                 put(sealed)
         finally:
+            self._rotating = False
             if not is_used:
                 fresh.clear()
                 self._free.put(fresh)

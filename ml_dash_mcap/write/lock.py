@@ -46,6 +46,14 @@ class SessionLock:
             return None
         return lock
 
+    @classmethod
+    def is_held(cls, path: Path) -> bool:
+        """Whether a living recorder holds the lock of a session file."""
+        lock = cls.seize(path)
+        if lock is not None:
+            lock.release()
+        return lock is None and path.exists()
+
     def _hold(self) -> None:
         assert self._descriptor is not None
         if fcntl is not None:
@@ -54,6 +62,12 @@ class SessionLock:
             import msvcrt
 
             msvcrt.locking(self._descriptor, msvcrt.LK_NBLCK, 1)
+
+    @property
+    def inode(self) -> int:
+        """The number of the session file, which a copy of it does not share."""
+        assert self._descriptor is not None
+        return os.fstat(self._descriptor).st_ino
 
     def write(self, content: bytes) -> None:
         """Replace what the session file says."""

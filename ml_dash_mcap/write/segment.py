@@ -93,6 +93,7 @@ class Segment:
         self.size = 0
         self.contents = Contents()
         self._schema_at: dict[int, int] = {}
+        self._stale_schemas: set[int] = set()
         try:
             if path.exists():
                 raise FileExistsError(path)
@@ -103,23 +104,23 @@ class Segment:
             raise
 
     @classmethod
-    def reopen(cls, active_path: Path, size: int, contents: Contents) -> Segment:
+    def reopen(cls, active_path: Path, size: int, contents: Contents, torn_schemas: Mapping[int, int]) -> Segment:
         """Take over a file that its recorder left unfinished.
 
         Args:
             active_path: The file, with its `ACTIVE_SUFFIX`.
             size: How much of it is sound, in bytes; the rest is cut off.
             contents: What that holds.
+            torn_schemas: Where those Schema records lie that `contents` has other text for, by id.
         """
         segment = cls.__new__(cls)
         segment.path = active_path.with_name(active_path.name.removesuffix(ACTIVE_SUFFIX))
         segment.active_path = active_path
         segment._descriptor = os.open(active_path, os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0))
-        os.ftruncate(segment._descriptor, size)
-        os.lseek(segment._descriptor, size, os.SEEK_SET)
         segment.size = size
         segment.contents = contents
-        segment._schema_at = {}
+        segment._schema_at = dict(torn_schemas)
+        segment._stale_schemas = set(torn_schemas)
         return segment
 
     def add_message_indexes(self, indexes: Mapping[int, bytes]) -> None:
@@ -145,8 +146,16 @@ class Segment:
         if len(schema) != len(self.contents.schemas[number]):
             raise AssertionError("a schema is rewritten at its length")
         if schema != self.contents.schemas[number]:
-            os.pwrite(self._descriptor, schema, self._schema_at[number])
             self.contents.schemas[number] = schema
+            self._stale_schemas.add(number)
+        self._write_stale_schemas()
+
+    def _write_stale_schemas(self) -> None:
+        """Put the schemas that have changed into their places, again where that failed before."""
+        for number in list(self._stale_schemas):
+            os.lseek(self._descriptor, self._schema_at[number], os.SEEK_SET)
+            _write_all(self._descriptor, [memoryview(self.contents.schemas[number])])
+            self._stale_schemas.discard(number)
 
     def schema_space(self, number: int) -> int:
         """Return the length of a topic's Schema record, 0 where it has none yet."""
@@ -193,6 +202,8 @@ class Segment:
             sync: Whether to wait until the whole would survive a power cut.
         """
         data_end = self.size
+        os.ftruncate(self._descriptor, data_end)  # what is behind it could not be cut off when its write failed
+        self._write_stale_schemas()
         try:
             self._write(records.data_end(), self.contents.summary(self.size + len(records.data_end())))
             if sync:
@@ -213,6 +224,7 @@ class Segment:
 
     def _write(self, *pieces: bytes | memoryview) -> None:
         """Write all or nothing."""
+        os.lseek(self._descriptor, self.size, os.SEEK_SET)
         try:
             self.size += _write_all(self._descriptor, [memoryview(piece) for piece in pieces])
         except BaseException:
@@ -221,10 +233,9 @@ class Segment:
 
     def _cut(self, size: int) -> None:
         """Go back to an earlier size, as far as the system lets us."""
+        self.size = size
         with contextlib.suppress(OSError):
             os.ftruncate(self._descriptor, size)
-            os.lseek(self._descriptor, size, os.SEEK_SET)
-        self.size = size
 
 
 def _write_all(descriptor: int, pieces: list[memoryview]) -> int:

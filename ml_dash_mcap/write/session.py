@@ -59,6 +59,8 @@ class SessionFiles:
             "host": socket.gethostname(),
             "journals": str(self._path("*")),
             "about": dict(about),
+            "path": str(self._lock.path.absolute()),
+            "inode": self._lock.inode,
         }
         return json.dumps(said).encode()
 

@@ -18,7 +18,8 @@ _FIRST_RETRY_S, _LAST_RETRY_S = 0.05, 1.0
 _CLOSE_PATIENCE_S = 5.0
 """How long `close` goes on trying to write to a disk that refuses, in seconds."""
 
-_THE_END = -1
+_THE_END, _SYNC = -1, -2
+"""Marks that are not the number of a flush."""
 
 _POLL_S = 0.1
 _LOCK_PATIENCE_S = 0.01
@@ -138,36 +139,42 @@ class Writer:
                 self._write(buffer)
         elif taken == _THE_END:
             return False
+        elif taken == _SYNC:
+            self._sync()
         elif taken is not None:
             with self._progress:
                 self._done = max(self._done, taken)
                 self._progress.notify_all()
         if time.monotonic() >= self._tick_at():
-            self._last_seal = time.monotonic()
-            self._journal.seal(_LOCK_PATIENCE_S)
-            self._sync_if_due()
+            self._tick()
         return True
 
-    def _tick_at(self) -> float:
+    def _tick(self) -> None:
+        """Have what waits written, and synced when it is time for that."""
+        now = self._last_seal = time.monotonic()
+        self._journal.seal(_LOCK_PATIENCE_S)
+        interval = self._journal.options.sync_interval_s
+        if interval and now - self._last_sync >= interval - self._tick_s() / 2:
+            self._last_sync = now
+            self._journal.mark(_SYNC)
+
+    def _tick_s(self) -> float:
         options = self._journal.options
-        interval = min(options.flush_interval_s, options.sync_interval_s or float("inf"))
-        return self._last_seal + interval
+        return min(options.flush_interval_s, options.sync_interval_s or float("inf"))
+
+    def _tick_at(self) -> float:
+        return self._last_seal + self._tick_s()
 
     def _write(self, buffer: Buffer) -> None:
         self._write_block(buffer)
         self.rows_written += len(buffer.starts)
         self._journal.recycle(buffer)
-        self._sync_if_due()
 
     def _write_block(self, buffer: Buffer) -> None:
         prepared = self._blocks.prepare(buffer.block())
         self._persist(lambda: self._blocks.commit(prepared))
 
-    def _sync_if_due(self) -> None:
-        interval = self._journal.options.sync_interval_s
-        if not interval or time.monotonic() - self._last_sync < 0.9 * interval:
-            return
-        self._last_sync = time.monotonic()
+    def _sync(self) -> None:
         try:
             self._blocks.sync()
         except OSError as error:  # what the system did with the data is unknown; never ask it twice
@@ -190,5 +197,5 @@ class Writer:
                     self._blocks.set_aside()
                 if time.monotonic() + pause > self._give_up_at:
                     raise
-                self._stopping.wait(pause)
+                time.sleep(pause) if self._stopping.is_set() else self._stopping.wait(pause)
                 pause = min(2 * pause, _LAST_RETRY_S)
