@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 import json
 import logging
@@ -96,6 +95,8 @@ class BlockWriter:
         self._segment: Segment | None = None
         self._segment_opened = 0.0
         self._set_aside: list[Segment] = []
+        self._litter: list[Path] = []
+        """Segments that could not be begun, and perhaps not be deleted either."""
         self._drops_said: dict[str, int] = {}
 
     # -- one block ---------------------------------------------------------------------------------------------------
@@ -252,10 +253,15 @@ class BlockWriter:
         while self._segment is None:
             self._number += 1
             path = self.folder / f"{self._stamp}_{self._number:06d}{SEGMENT_SUFFIX}"
-            with contextlib.suppress(FileExistsError):
+            try:
                 self._segment = Segment(path, self._about["library"], self._describe())
-                self._segment_opened = time.monotonic()
-                self.bytes_written += self._segment.size
+            except FileExistsError:
+                continue
+            except OSError:
+                self._litter.append(path.with_name(path.name + ACTIVE_SUFFIX))
+                raise
+            self._segment_opened = time.monotonic()
+            self.bytes_written += self._segment.size
         return self._segment
 
     def _describe(self) -> dict[str, str]:
@@ -304,6 +310,8 @@ class BlockWriter:
         while self._set_aside:  # what a failed sync did to them is unknown; it is not asked for again
             self.finished.append(self._set_aside[-1].finish(sync=False))
             self._set_aside.pop()
+        while self._litter:
+            self._litter.pop().unlink(missing_ok=True)
 
 
 def _retime(rows: Rows, which: npt.NDArray[np.intp], time_ns: int) -> Rows:
