@@ -29,13 +29,26 @@ def time_of(payload: bytes) -> float:
     return float(payload[payload.rindex(_TIME_MARK) + len(_TIME_MARK) : -1])
 
 
-def join_disjoint(payloads: Sequence[bytes]) -> bytes:
+def cut(payloads: Sequence[bytes]) -> list[int]:
+    """Return where each encoded row's time stamp begins, with its key."""
+    return [payload.rindex(_TIME_MARK) for payload in payloads]
+
+
+def split_by_time(payloads: Sequence[bytes], cuts: Sequence[int]) -> list[list[int]]:
+    """Return which encoded rows have exactly the same time stamp, two or more, each by its place, in order."""
+    tail = payloads[0][cuts[0] :]
+    if all(payload[at:] == tail for payload, at in zip(payloads, cuts, strict=True)):
+        return [list(range(len(payloads)))]
+    by_time: dict[float, list[int]] = {}
+    for place, payload in enumerate(payloads):
+        by_time.setdefault(time_of(payload), []).append(place)
+    return [same for same in by_time.values() if len(same) > 1]
+
+
+def join_disjoint(payloads: Sequence[bytes], cuts: Sequence[int]) -> bytes:
     """Merge encoded rows of one time stamp whose top-level keys differ, by cutting and joining their bytes."""
-    first = payloads[0]
-    time_at = first.rindex(_TIME_MARK)
-    tail = first[time_at:]
-    fields = [payload[1 : payload.rindex(_TIME_MARK)] for payload in payloads]
-    return b"".join((b"{", *fields, tail))
+    fields = [payload[1:at] for payload, at in zip(payloads, cuts, strict=True)]
+    return b"".join((b"{", *fields, payloads[0][cuts[0] :]))
 
 
 def join(payloads: Sequence[bytes]) -> bytes:

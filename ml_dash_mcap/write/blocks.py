@@ -6,7 +6,7 @@ import datetime
 import json
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -22,7 +22,7 @@ from ..layout import ACTIVE_SUFFIX, DROPS_RECORD, PARAMETERS_RECORD, SEGMENT_SUF
 from ..options import RecorderOptions
 from ..rows import schema as schemas
 from ..rows.encode import TIME_KEY
-from ..rows.skeleton import Bones, Form, Skeletons
+from ..rows.skeleton import Bones, Skeletons, guess
 from . import records
 from .channels import ChannelInfo
 from .chunk import Compressor, build, compressor
@@ -109,8 +109,9 @@ class BlockWriter:
         extras = [block.data[start:end].tobytes() for start, end in block.extras]
         if not block.starts:
             return Prepared(extras, None, False)
-        rows, splits = self._follow_clock(pack(block))
-        rows = merge_same_time(rows, self._mergeable(), self._classify(rows))
+        tracks = self._tracks()
+        rows, splits = self._follow_clock(pack(block), tracks)
+        rows = merge_same_time(rows, tracks, self._classify(rows), self._keys_of)
         rows.number(self._next_sequence(rows))
         return Prepared(extras, rows, splits)
 
@@ -129,35 +130,45 @@ class BlockWriter:
         if prepared.rows is not None:
             self._write_rows(prepared.rows)
 
-    def _mergeable(self) -> npt.NDArray[np.bool_]:
-        """Return, by channel id, whether rows of the same time merge."""
+    def _tracks(self) -> npt.NDArray[np.bool_]:
+        """Return, by channel id, whether it is a track, whose rows of the same time merge."""
         channels = list(self._channels.items())
-        mergeable = np.zeros(max(number for number, _ in channels) + 1, np.bool_)
+        tracks = np.zeros(max(number for number, _ in channels) + 1, np.bool_)
         for number, info in channels:
-            mergeable[number] = info.kind == TRACK
-        return mergeable
+            tracks[number] = info.kind == TRACK
+        return tracks
 
-    def _classify(self, rows: Rows) -> Callable[[int], Form]:
-        """Widen the schemas of topics that have rows of a new form; returns what gives each row's form."""
+    def _classify(self, rows: Rows) -> npt.NDArray[np.int32]:
+        """Find the form of each row, [N], and widen the schemas of topics that have rows of a new one."""
         forms = np.full(len(rows), -1, np.int32)
         for first, last in rows.uniform:
-            forms[first:last] = self._skeletons_of(rows, first).learn(rows.payload(first))
+            forms[first:last] = self._skeletons_of(int(rows.channels[first])).learn(rows.payload(first))
         inferred = [number for number, info in list(self._channels.items()) if info.schema is None]
         unknown = (forms < 0) & np.isin(rows.channels, inferred)
-        if unknown.any():
-            bones = Bones(rows.data, rows.starts + records.MESSAGE_HEAD, rows.ends, records.MESSAGE_HEAD)
-            for number in np.unique(rows.channels[unknown]).tolist():
-                mine = np.flatnonzero(unknown & (rows.channels == number))
-                forms[mine] = self._skeletons_of(rows, mine[0]).classify(bones, mine)
-        return lambda row: self._skeletons_of(rows, row).forms[int(forms[row])]
+        if not unknown.any():
+            return forms
+        bones = Bones(rows.data, rows.starts + records.MESSAGE_HEAD, rows.ends, records.MESSAGE_HEAD)
+        guessed = guess(bones, rows.channels, self._skeletons) if unknown.all() else None
+        if guessed is not None:
+            return guessed
+        for number in np.unique(rows.channels[unknown]).tolist():
+            mine = np.flatnonzero(unknown & (rows.channels == number))
+            forms[mine] = self._skeletons_of(number).classify(bones, mine)
+        return forms
 
-    def _skeletons_of(self, rows: Rows, row: int) -> Skeletons:
-        """Return what is known of the forms of a row's topic."""
-        return self._skeletons.setdefault(int(rows.channels[row]), Skeletons())
+    def _skeletons_of(self, number: int) -> Skeletons:
+        """Return what is known of the forms of a topic."""
+        skeletons = self._skeletons.get(number)
+        if skeletons is None:
+            skeletons = self._skeletons[number] = Skeletons()
+        return skeletons
+
+    def _keys_of(self, number: int, form: int) -> frozenset[str]:
+        return self._skeletons[number].forms[form].keys
 
     def _write_rows(self, rows: Rows) -> None:
-        chunk = build(rows, self.compress)
         segment = self._ensure_channels(rows)
+        chunk = build(rows, self.compress)
         before = segment.size
         segment.add_chunk(chunk)
         self.bytes_written += segment.size - before
@@ -210,7 +221,7 @@ class BlockWriter:
 
     # -- the tracks' clock -------------------------------------------------------------------------------------------
 
-    def _follow_clock(self, rows: Rows) -> tuple[Rows, bool]:
+    def _follow_clock(self, rows: Rows, tracks: npt.NDArray[np.bool_]) -> tuple[Rows, bool]:
         """Keep logs and metrics, made at wall-clock times, on the clock of the tracks.
 
         A viewer refuses a file whose times span from near 0 to today. So where the tracks turn out to run on a clock
@@ -220,13 +231,13 @@ class BlockWriter:
         Returns:
             The rows, and whether a new segment is to begin with them.
         """
-        tracks = [number for number, info in list(self._channels.items()) if info.kind == TRACK]
-        is_track = np.isin(rows.channels, tracks)
+        is_track = tracks[rows.channels]
         if not is_track.any():
             return rows, False
         epoch_like = rows.times >= int(clock.EPOCH_LIKE_S * clock.NS_PER_S)
-        seen = {"epoch" if epoch else "relative" for epoch in np.unique(epoch_like[is_track]).tolist()}
-        before, now = self.clock, seen.pop() if len(seen) == 1 else "mixed"
+        of_tracks = epoch_like[is_track]
+        now = "epoch" if of_tracks.all() else "mixed" if of_tracks.any() else "relative"
+        before = self.clock
         if before == "unknown":
             self.clock = now
             if now != "relative":

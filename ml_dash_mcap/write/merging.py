@@ -6,63 +6,87 @@ Rows of different blocks are left to the reader: each block is one chunk, by who
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import numpy.typing as npt
 
 from ..rows import merge
-from ..rows.skeleton import Form
+from . import records
 from .rows import Rows, replaced
 
-_SLICE = 32
+_SLICE = 64
 _PAUSE_S = 2e-5
 """After so many merged rows the writer thread sleeps for a moment, so that a control loop never waits for them all."""
 
 
-def merge_same_time(rows: Rows, mergeable: npt.NDArray[np.bool_], form_of: Callable[[int], Form]) -> Rows:
+def merge_same_time(
+    rows: Rows,
+    mergeable: npt.NDArray[np.bool_],
+    forms: npt.NDArray[np.int32],
+    keys_of: Callable[[int, int], frozenset[str]],
+) -> Rows:
     """Merge the rows that share topic and time stamp; the same object comes back where there are none.
 
     Args:
         rows: In the order in which they were appended.
         mergeable: By channel id, whether its rows merge (metrics and logs do not).
-        form_of: Gives what is known of a row's keys.
+        forms: The form of each row, [N].
+        keys_of: Gives the top-level keys of a channel's form.
     """
-    keep = np.ones(len(rows), np.bool_)
+    groups = _groups(rows, mergeable)
+    if not groups:
+        return rows
     payloads: dict[int, tuple[int, bytes]] = {}
-    for count, group in enumerate(_groups(rows, mergeable)):
+    dropped: list[int] = []
+    block = memoryview(rows.data)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
+    starts, ends = (rows.starts + records.MESSAGE_HEAD).tolist(), rows.ends.tolist()
+    times, channels, form_numbers = rows.times.tolist(), rows.channels.tolist(), forms.tolist()
+    disjoint: dict[tuple[int, ...], bool] = {}
+    for count, group in enumerate(groups):
         if count % _SLICE == _SLICE - 1:
             time.sleep(_PAUSE_S)
-        for same in _by_exact_time(rows, group):
-            encoded = [rows.payload(row) for row in same]
-            keys = [form_of(row).keys for row in same]
-            join = merge.join_disjoint if _disjoint(keys) else merge.join
-            payloads[same[0]] = (int(rows.times[same[0]]), join(encoded))
-            keep[same[1:]] = False
-    return replaced(rows, keep, payloads) if payloads else rows
+        encoded = [bytes(block[starts[row] : ends[row]]) for row in group]
+        cuts = merge.cut(encoded)
+        for places in merge.split_by_time(encoded, cuts):
+            same = group if len(places) == len(group) else [group[place] for place in places]
+            parts = encoded if same is group else [encoded[place] for place in places]
+            key = (channels[same[0]], *[form_numbers[row] for row in same])
+            is_disjoint = disjoint.get(key)
+            if is_disjoint is None:
+                is_disjoint = disjoint[key] = _are_disjoint([keys_of(key[0], form) for form in key[1:]])
+            if is_disjoint:
+                joined = merge.join_disjoint(parts, cuts if same is group else merge.cut(parts))
+            else:
+                joined = merge.join(parts)
+            payloads[same[0]] = (times[same[0]], joined)
+            dropped += same[1:]
+    if not payloads:
+        return rows
+    keep = np.ones(len(rows), np.bool_)
+    keep[dropped] = False
+    return replaced(rows, keep, payloads)
 
 
-def _groups(rows: Rows, mergeable: npt.NDArray[np.bool_]) -> Iterator[list[int]]:
-    """Yield the rows that share topic and nanosecond, two or more, in the order in which they were appended."""
+def _groups(rows: Rows, mergeable: npt.NDArray[np.bool_]) -> list[list[int]]:
+    """Return the rows that share topic and nanosecond, two or more, in the order in which they were appended."""
     order = np.lexsort((rows.times, rows.channels))
     channels = rows.channels[order]
     same = (np.diff(rows.times[order]) == 0) & (channels[1:] == channels[:-1])
     if not same.any():
-        return
+        return []
     same &= mergeable[channels[1:]]
+    return list(_runs(order, same))
+
+
+def _runs(order: npt.NDArray[np.intp], same: npt.NDArray[np.bool_]) -> Iterator[list[int]]:
+    """Yield the numbers in `order` that are each like the one before."""
     edges = np.diff(np.concatenate(([False], same, [False])).astype(np.int8))
-    for first, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
-        yield sorted(order[first : last + 1].tolist())
+    numbers = order.tolist()
+    for first, last in zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True):
+        yield sorted(numbers[first : last + 1])
 
 
-def _by_exact_time(rows: Rows, group: list[int]) -> Iterator[list[int]]:
-    """Split rows of one nanosecond by their exact time stamp; yields those that are not alone."""
-    by_time: dict[float, list[int]] = {}
-    for row in group:
-        by_time.setdefault(merge.time_of(rows.payload(row)), []).append(row)
-    return (same for same in by_time.values() if len(same) > 1)
-
-
-def _disjoint(keys: Sequence[frozenset[str]]) -> bool:
+def _are_disjoint(keys: list[frozenset[str]]) -> bool:
     """Whether no key but the time stamp stands in two of them."""
     return len(frozenset().union(*keys)) == sum(map(len, keys)) - len(keys) + 1
