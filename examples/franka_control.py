@@ -458,11 +458,11 @@ def print_recording(folder: Path) -> None:
 
 def print_how_to_open(folder: Path) -> None:
     """Print what to open the recording with."""
-    for path in sorted(folder.glob("*.mcap")):
-        print(f"\nTo look at it, drag {path} into Foxglove (app.foxglove.dev) or Lichtblick,")
+    newest = sorted(folder.glob("*.mcap"))[-1]
+    print(f"\nTo look at this run, drag {newest} into Foxglove (app.foxglove.dev) or Lichtblick,")
     print("and add a Plot panel with these paths:")
-    print("  /robot.q[0]            /action.target_q[0]      a joint and its target")
-    print("  /robot.gripper_pos     /contact.normal_force    the grasp")
+    print("  robot.q[0]            action.target_q[0]      a joint and its target")
+    print("  robot.gripper_pos     contact.normal_force    the grasp")
 
 
 # The plot

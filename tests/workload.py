@@ -5,6 +5,7 @@ from __future__ import annotations
 import mmap
 import os
 import random
+import signal
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.topic import EventTopic
+from tests.faulty_os import calls_go_through, dies_at
 from tests.support import disk
 
 Row = dict[str, Any]
@@ -84,12 +86,14 @@ def actions(recorder: Recorder, seed: int) -> Iterator[tuple[str, int]]:
 
 
 def record(folder: str, progress: str, seed: int, until: int, **options: Any) -> Recorder:
-    """Record some actions and return, without closing."""
+    """Record some actions, with a flush before the last third of them, and return without closing."""
     said = Progress(Path(progress))
     recorder = Recorder(folder, RecorderOptions(**{**OPTIONS, **options}))
     taken = actions(recorder, seed)
-    for _ in range(until):
+    for number in range(until):
         said.note(*next(taken))
+        if number == until * 2 // 3:
+            recorder.flush()
     return recorder
 
 
@@ -108,7 +112,7 @@ def lost_or_twice(folder: Path, accepted: dict[str, int], in_flight: int = 1) ->
             possible = [recorded(kind, accepted[kind] + more) for more in range(in_flight + 1)]
             if found not in possible:
                 wrong.append(f"{kind}: {len(found)} rows were read, not the {len(possible[0])} that were accepted, or not as they were")
-        parameters = dict(recording.parameters).get("step", 0)
+        parameters = recording.params.get("step", 0)
     if not accepted[STEP] <= parameters <= accepted[STEP] + in_flight:
         wrong.append(f"the parameter is {parameters} after {accepted[STEP]} settings")
     return wrong + _repeated(folder, accepted, in_flight)
@@ -127,3 +131,53 @@ def _repeated(folder: Path, accepted: dict[str, int], in_flight: int) -> list[st
             if len(values) != len(set(values)):
                 wrong.append(f"{kind}: {len(values) - len(set(values))} values of {field} are in the files twice")
     return wrong
+
+
+# -- what children of the zygote do --------------------------------------------------------------------------------------
+
+
+def record_until_killed(folder: str, progress: str, seed: int, signal_at: int, fifo: str) -> None:
+    """Record for ever; say through a fifo when so many actions are done."""
+    with open(fifo, "wb", buffering=0) as said_when:
+        said = Progress(Path(progress))
+        taken = actions(Recorder(folder, RecorderOptions(**OPTIONS)), seed)
+        for count, (kind, number) in enumerate(taken, 1):
+            said.note(kind, number)
+            if count == signal_at:
+                said_when.write(b"!")
+
+
+def record_and_end(folder: str, progress: str, seed: int, until: int, way: str) -> None:
+    """Record and then end in one of the ways in which a process ends without being asked."""
+    import ctypes
+
+    record(folder, progress, seed, until)
+    ends = {
+        "os._exit": lambda: os._exit(0),
+        "segmentation fault": lambda: ctypes.string_at(0),
+        "abort": os.abort,
+        "SIGKILL": lambda: os.kill(os.getpid(), signal.SIGKILL),
+        "SIGTERM": lambda: os.kill(os.getpid(), signal.SIGTERM),
+    }
+    ends[way]()
+
+
+def record_and_die_at_call(folder: str, progress: str, seed: int, until: int, number: int, before: bool) -> None:
+    """Record and close, and be killed at one of the system calls on the segments, if there are so many."""
+    with calls_go_through(Path(folder), dies_at(number, before=before)):
+        recorder = record(folder, progress, seed, until, segment_bytes=65536)
+        recorder.flush()
+        recorder.close()
+
+
+def recover_and_die_at_call(folder: str, number: int, before: bool) -> None:
+    """Open a recording, which recovers it, and be killed at one of the system calls on the segments."""
+    with calls_go_through(Path(folder), dies_at(number, before=before)):
+        Recording(folder).close()
+
+
+def recover_until_killed(folder: str, fifo: str) -> None:
+    """Say that recovery begins, and recover."""
+    with open(fifo, "wb", buffering=0) as said_when:
+        said_when.write(b"!")
+        Recording(folder).close()
