@@ -205,6 +205,7 @@ def test_9_parameters_may_be_numpy_values(tmp_path: Path) -> None:
 # 10. Every read scans everything. Track buffers have no bound. An exit without close loses the last second, or all.
 
 
+@pytest.mark.breaks_files
 def test_10_a_time_window_reads_only_the_chunks_that_hold_it(tmp_path: Path) -> None:
     with experiment(tmp_path).run as exp:
         for second in range(5):

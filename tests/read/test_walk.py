@@ -51,6 +51,7 @@ def whole_rows(data: bytes) -> dict[str, list]:
     return {topic: sorted(found, key=lambda row: row["_ts"]) for topic, found in expected.items()}
 
 
+@pytest.mark.breaks_files
 def test_a_file_cut_at_any_byte_gives_the_rows_of_its_whole_chunks(tmp_path):
     data = unfinished(draft(CHUNKS, metadata=NOTES))
     header = len(MAGIC + written([draft([]).header]))
@@ -62,6 +63,7 @@ def test_a_file_cut_at_any_byte_gives_the_rows_of_its_whole_chunks(tmp_path):
         with_cut.close()
 
 
+@pytest.mark.breaks_files
 def test_a_file_that_is_cut_before_its_header_ends_is_refused_unless_its_recorder_may_just_be_creating_it(tmp_path):
     data = unfinished(draft([]))
     for cut in range(len(data)):
@@ -106,6 +108,7 @@ def test_a_growing_file_that_gets_its_end_is_read_by_its_summary(tmp_path):
     assert read(growing) == before
 
 
+@pytest.mark.breaks_files
 @pytest.mark.parametrize("victim", [-20, -100])
 def test_a_last_chunk_with_a_bad_checksum_is_left_out_of_an_unfinished_file(tmp_path, victim):
     drafted = draft(CHUNKS)
@@ -118,12 +121,14 @@ def test_a_last_chunk_with_a_bad_checksum_is_left_out_of_an_unfinished_file(tmp_
     assert [row["q"][0] for row in read(cut)["robot"]] == list(range(9))
 
 
+@pytest.mark.breaks_files
 def test_zeros_behind_the_last_record_are_no_records(tmp_path):
     cut = opened(tmp_path / "cut.mcap", unfinished(draft(CHUNKS)) + bytes(100_000))
     assert "no record" in (cut.index.damage or "")
     assert len(read(cut)["robot"]) == 10
 
 
+@pytest.mark.breaks_files
 def test_messages_outside_chunks_are_read(tmp_path):
     drafted = draft(CHUNKS)
     loose = [inner for record in drafted.data for inner in (record.inside if isinstance(record, Bundle) else [record])]
@@ -182,6 +187,7 @@ def test_files_whose_channels_stand_inside_the_chunks_are_read_when_cut(tmp_path
     assert counts[-1] == 50
 
 
+@pytest.mark.breaks_files
 def test_a_damaged_summary_is_replaced_by_a_walk(tmp_path):
     good = finished(draft(CHUNKS, metadata=NOTES))
     expected = read(opened(tmp_path / "good.mcap", good))
@@ -196,6 +202,7 @@ def test_a_damaged_summary_is_replaced_by_a_walk(tmp_path):
         file.close()
 
 
+@pytest.mark.breaks_files
 def test_a_finished_file_with_damaged_data_is_an_error_with_the_place(tmp_path):
     good = finished(draft(CHUNKS))
     file = opened(tmp_path / "good.mcap", good)
@@ -207,6 +214,7 @@ def test_a_finished_file_with_damaged_data_is_an_error_with_the_place(tmp_path):
     assert (caught.value.path.name, caught.value.offset) == ("damaged.mcap", chunk.offset)
 
 
+@pytest.mark.breaks_files
 def test_whatever_byte_is_flipped_reading_gives_rows_or_our_error(tmp_path):
     good = finished(draft(CHUNKS, metadata=NOTES))
     for at in range(8, len(good), 5):
