@@ -94,7 +94,8 @@ def _part(values: list[Any]) -> _Part:
 def _join(parts: list[_Part]) -> _Part:
     """Join a column's parts; where their types differ, from their values, which each part holds without loss."""
     types = {part.array.type for part in parts if not pa.types.is_null(part.array.type)}
-    if len({(part.array.type, part.is_text) for part in parts if part.array.type in types}) > 1:
+    has_gap = any(pa.types.is_null(part.array.type) for part in parts) and any(map(pa.types.is_nested, types))
+    if has_gap or len({(part.array.type, part.is_text) for part in parts if part.array.type in types}) > 1:
         joined = _part([value for part in parts for value in _values(part)])
         return _Part(pa.chunked_array([joined.array]), joined.is_text)
     type_ = types.pop() if types else pa.null()
@@ -113,9 +114,9 @@ def arrow_type(values: list[Any]) -> pa.DataType | None:
     if not kinds:
         return pa.null()
     if kinds == {list}:
-        return _list_type([value for value in values if value is not None])
+        return _list_type([value for value in values if value is not None], None in values)
     if kinds == {dict}:
-        return _struct_type([value for value in values if value is not None])
+        return _struct_type([value for value in values if value is not None], None in values)
     if kinds <= {int, float}:
         return _number_type(values, kinds)
     if len(kinds) == 1:
@@ -138,23 +139,25 @@ def _number_type(values: list[Any], kinds: set[type]) -> pa.DataType | None:
     return pa.uint64() if low >= 0 and high < 2**64 else None
 
 
-def _list_type(lists: list[list[Any]]) -> pa.DataType | None:
+def _list_type(lists: list[list[Any]], has_nulls: bool) -> pa.DataType | None:
+    """Return a list's type; of fixed size only without nulls, which pyarrow before 26 cannot read back then."""
     elements = list(chain.from_iterable(lists))
     inner = arrow_type(elements)
     if inner is None:
         return None
     lengths = set(map(len, lists))
     is_vector = pa.types.is_integer(inner) or pa.types.is_floating(inner)
-    if len(lengths) == 1 and is_vector:
+    if len(lengths) == 1 and is_vector and not has_nulls:
         return pa.list_(inner, lengths.pop())
     return pa.list_(inner)
 
 
-def _struct_type(dicts: list[Row]) -> pa.DataType | None:
+def _struct_type(dicts: list[Row], has_nulls: bool) -> pa.DataType | None:
     names = list(dicts[0])
     if not names or any(list(one) != names for one in dicts):
         return None
-    types = {name: arrow_type([one[name] for one in dicts]) for name in names}
+    nothing = [None] if has_nulls else []
+    types = {name: arrow_type([*(one[name] for one in dicts), *nothing]) for name in names}
     if any(type_ is None for type_ in types.values()):
         return None
     return pa.struct([pa.field(name, type_) for name, type_ in types.items()])
