@@ -30,7 +30,7 @@ def column(*values):
         (["x", ""], pa.string()),
         ([b"\x00", b""], pa.binary()),
         ([[1.0, 2.0], [3.0, 4.0]], pa.list_(pa.float64(), 2)),
-        ([[1.0, None], None, [3.0, 4.0]], pa.list_(pa.float64(), 2)),
+        ([[1.0, None], None, [3.0, 4.0]], pa.list_(pa.float64())),
         ([[1, 2], [3]], pa.list_(pa.int64())),
         ([["a", "b"]], pa.list_(pa.string())),
         ([[[1.0, 2.0], [3.0, 4.0]]], pa.list_(pa.list_(pa.float64(), 2))),
