@@ -58,7 +58,11 @@ class Draft:
 
     def summarise(self) -> Draft:
         """Fill in the summary that fits the data section."""
-        self.summary = [*_definitions(self.data), _statistics(self.data), *_indexes(self.data, len(MAGIC + written([self.header])))]
+        self.summary = [
+            *_definitions(self.data),
+            _statistics(self.data),
+            *_indexes(self.data, len(MAGIC + written([self.header]))),
+        ]
         return self
 
     def locate(self) -> Draft:

@@ -9,7 +9,17 @@ from dataclasses import dataclass
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
-from tests.support.records import Channel, Chunk, MalformedError, Message, MessageIndex, Record, Schema, Unreadable, walk
+from tests.support.records import (
+    Channel,
+    Chunk,
+    MalformedError,
+    Message,
+    MessageIndex,
+    Record,
+    Schema,
+    Unreadable,
+    walk,
+)
 
 LARGEST_CHUNK_BYTES = 4_000_000
 """Uncompressed; a chunk that holds one message only may be larger."""
@@ -55,7 +65,10 @@ def _decompressed(chunk: Chunk) -> bytes:
     if chunk.compression == "":
         return chunk.data
     if chunk.compression == "zstd":
-        if zstandard.get_frame_parameters(chunk.data).content_size not in (chunk.uncompressed_size, zstandard.CONTENTSIZE_UNKNOWN):
+        if zstandard.get_frame_parameters(chunk.data).content_size not in (
+            chunk.uncompressed_size,
+            zstandard.CONTENTSIZE_UNKNOWN,
+        ):
             raise MalformedError("its zstd frame and its uncompressed_size disagree")
         decompressor = zstandard.ZstdDecompressor()
         return decompressor.decompress(chunk.data, max_output_size=chunk.uncompressed_size, allow_extra_data=False)

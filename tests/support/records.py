@@ -226,7 +226,9 @@ class Fields:
 
     def raw(self, count: int) -> bytes:
         if count > self.left:
-            raise MalformedError(f"needs {count} bytes at byte {self._position} of its fields, but only {self.left} are left")
+            raise MalformedError(
+                f"needs {count} bytes at byte {self._position} of its fields, but only {self.left} are left"
+            )
         self._position += count
         return self._content[self._position - count : self._position]
 
@@ -330,7 +332,13 @@ def parse(opcode: int, offset: int, chunk: int | None, content: bytes) -> Record
     except MalformedError as error:
         return Unreadable(opcode, offset, chunk, content, f"should be a {kind.__name__} but {error}")
     if fields.left:
-        return Unreadable(opcode, offset, chunk, content, f"should be a {kind.__name__} but has {fields.left} bytes after its last field")
+        return Unreadable(
+            opcode,
+            offset,
+            chunk,
+            content,
+            f"should be a {kind.__name__} but has {fields.left} bytes after its last field",
+        )
     return kind(opcode, offset, chunk, content, *values)
 
 
@@ -350,7 +358,9 @@ def walk(data: bytes, start: int = 0, chunk: int | None = None) -> Iterator[Reco
         length = int.from_bytes(data[offset + 1 : offset + PREFIX_BYTES], "little")
         end = offset + PREFIX_BYTES + length
         if offset + PREFIX_BYTES > len(data) or end > len(data):
-            raise MalformedError(f"the record at byte {offset} (opcode {data[offset]:#04x}) reaches beyond the last byte, {len(data)}")
+            raise MalformedError(
+                f"the record at byte {offset} (opcode {data[offset]:#04x}) reaches beyond the last byte, {len(data)}"
+            )
         record = parse(data[offset], offset, chunk, data[offset + PREFIX_BYTES : end])
         yield record
         if record.opcode == Opcode.FOOTER and chunk is None:

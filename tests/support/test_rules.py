@@ -22,7 +22,9 @@ from tests.support.rules import problems
 from tests.support.samples import CHANNEL, NOTE, PICTURE, SCHEMA, draft, found, row, the
 
 
-def with_plain_writer(path: Path, *, payload: bytes = b'{"q": [1.0]}', chunk_size: int = 200, **options: object) -> list[str]:
+def with_plain_writer(
+    path: Path, *, payload: bytes = b'{"q": [1.0]}', chunk_size: int = 200, **options: object
+) -> list[str]:
     """Judge a file of 20 messages by the plain `mcap` writer."""
     path = path / "plain.mcap"
     with path.open("wb") as stream:
@@ -244,7 +246,8 @@ def test_a_record_with_bytes_after_its_last_field_is_found(tmp_path: Path) -> No
     note = written([NOTE])
     longer = struct.pack("<BQ", note[0], len(note) - 9 + 2) + note[9:] + b"\0\0"
     assert any(
-        "should be a Metadata but has 2 bytes after its last field" in problem for problem in found(tmp_path, whole.replace(note, longer))
+        "should be a Metadata but has 2 bytes after its last field" in problem
+        for problem in found(tmp_path, whole.replace(note, longer))
     )
 
 
@@ -261,7 +264,9 @@ def test_a_file_cut_off_anywhere_has_problems(tmp_path: Path) -> None:
 
 def test_one_flipped_bit_anywhere_is_found(tmp_path: Path) -> None:
     whole = draft().summarise().finish()
-    unseen = [at for at in range(len(whole)) if not found(tmp_path, whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])]
+    unseen = [
+        at for at in range(len(whole)) if not found(tmp_path, whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+    ]
     assert _texts_without_a_crc(whole, unseen) == []
 
 

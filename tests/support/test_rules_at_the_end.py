@@ -60,7 +60,9 @@ from tests.support.samples import CHANNEL, NOTE, SCHEMA, draft, found, swap, the
         (Channel, {"id": 2}, "is in the summary, but not in the data section"),
     ],
 )
-def test_a_wrong_field_in_the_summary_is_found(tmp_path: Path, kind: type[McapRecord], change: dict[str, object], sentence: str) -> None:
+def test_a_wrong_field_in_the_summary_is_found(
+    tmp_path: Path, kind: type[McapRecord], change: dict[str, object], sentence: str
+) -> None:
     file = draft().summarise()
     record = the(kind, file.summary)
     swap(file.summary, record, replace(record, **change))

@@ -10,8 +10,15 @@ from tests.support.viewer_schema import violations
 Shape = dict[str, object]
 
 SCALARS: list[Shape] = [{"type": "boolean"}, {"type": "number"}, {"type": "integer"}, {"type": "string"}]
-TIME: Shape = {"type": "object", "title": "time", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}}
-CHOICE: Shape = {"title": "kind", "oneOf": [{"title": "A", "const": 0, "description": "first"}, {"title": "B", "const": 1}]}
+TIME: Shape = {
+    "type": "object",
+    "title": "time",
+    "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}},
+}
+CHOICE: Shape = {
+    "title": "kind",
+    "oneOf": [{"title": "A", "const": 0, "description": "first"}, {"title": "B", "const": 1}],
+}
 NOTES: Shape = {
     "$schema": "x",
     "$id": "x",
@@ -53,14 +60,25 @@ def test_a_field_that_the_viewers_read_is_accepted(field: Shape) -> None:
     assert violations(of(field)) == []
 
 
-@pytest.mark.parametrize("schema", [{"type": "object"}, {"type": "object", "properties": {}}, {"type": "object"} | NOTES])
+@pytest.mark.parametrize(
+    "schema", [{"type": "object"}, {"type": "object", "properties": {}}, {"type": "object"} | NOTES]
+)
 def test_a_root_that_the_viewers_read_is_accepted(schema: Shape) -> None:
     assert violations(schema) == []
 
 
 @pytest.mark.parametrize(
     "schema",
-    [{}, True, [], {"type": "array", "items": {"type": "number"}}, {"properties": {}}, {"type": ["object"]}, {"$ref": "#"}, None],
+    [
+        {},
+        True,
+        [],
+        {"type": "array", "items": {"type": "number"}},
+        {"properties": {}},
+        {"type": ["object"]},
+        {"$ref": "#"},
+        None,
+    ],
 )
 def test_a_root_that_is_no_object_loses_the_topic(schema: object) -> None:
     [violation] = violations(schema)
@@ -102,7 +120,11 @@ def test_a_root_that_is_no_object_loses_the_topic(schema: object) -> None:
     ],
 )
 def test_a_field_that_the_viewers_do_not_read_loses_the_topic_at_any_depth(field: object) -> None:
-    for schema, path in [(of(field), "$.x"), (of(of(field)), "$.x.x"), (of({"type": "array", "items": of(field)}), "$.x[].x")]:
+    for schema, path in [
+        (of(field), "$.x"),
+        (of(of(field)), "$.x.x"),
+        (of({"type": "array", "items": of(field)}), "$.x[].x"),
+    ]:
         found = violations(schema)
         assert found
         assert all(violation.startswith(path) for violation in found)

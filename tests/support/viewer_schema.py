@@ -82,7 +82,11 @@ def _nested(schema: dict[str, object], path: str) -> Iterator[str]:
 def _scalar(schema: dict[str, object], path: str) -> Iterator[str]:
     kind = schema.get("type")
     if not isinstance(kind, str) or kind not in SCALARS:
-        yield f"{path} has the type {shown(kind)}, which the viewers do not know" if "type" in schema else f"{path} has no type"
+        yield (
+            f"{path} has the type {shown(kind)}, which the viewers do not know"
+            if "type" in schema
+            else f"{path} has no type"
+        )
         return
     yield from _keywords(schema, kind, path)
     if "enum" in schema and not isinstance(schema["enum"], list):
