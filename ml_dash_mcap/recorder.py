@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import itertools
 import json
 import os
 import socket
@@ -75,8 +76,9 @@ class Recorder:
         recover(self.path)
         self._channels: dict[int, ChannelInfo] = {}
         self._topics: dict[tuple[str, str], Topic] = {}
-        self._topics_lock = threading.Lock()
+        self._topics_lock = threading.RLock()
         """Guards `_channels` and `_topics` while one is added."""
+        self._numbers = itertools.count(1)
         about = self._about(prefix, metadata or {})
         self._journal = Journal(SessionFiles(self.path, self.session, self.options, about), self.options)
         self._stamper.journal = self._journal
@@ -151,16 +153,13 @@ class Recorder:
             topic = self._topics.get((kind, name))
             new = topic is None
             if topic is None:
-                if len(self._channels) >= _MAX_TOPICS:
+                info = ChannelInfo(next(self._numbers), name, kind, said, schema, schema_name)
+                if info.number > _MAX_TOPICS:
                     raise TopicError(f"topic {name!r}: a recording holds {_MAX_TOPICS} topics, and has them")
-                info = ChannelInfo(len(self._channels) + 1, name, kind, said, schema, schema_name)
                 self._channels[info.number] = info
-                try:
-                    self._journal.register(info.schema_record(None) + info.channel_record())
-                except BaseException:
-                    del self._channels[info.number]
-                    raise
-                topic = self._topics[(kind, name)] = cls(self, info)
+                self._journal.register(info.schema_record(None) + info.channel_record())
+                # a signal handler may have opened it meanwhile; then that one counts, and this number has no rows
+                topic = self._topics.setdefault((kind, name), cls(self, info))
         if said and not new:
             self.write_metadata(TOPIC_RECORD, {"topic": name, **said})
         if not isinstance(topic, cls):

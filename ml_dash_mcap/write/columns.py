@@ -90,10 +90,8 @@ def _column(name: str, column: Any, count: int, topic: str) -> Any:
         return column
     kinds = {type(value) for value in column}
     if len(kinds) == 1 and kinds <= {float, int, bool}:
-        try:
-            return np.array(column)
-        except OverflowError:
-            return column
+        array = np.array(column)
+        return column if array.dtype.kind not in "fiub" or (kinds == {int} and array.dtype.kind == "f") else array
     return column
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import queue
 import threading
+import time
 import weakref
 from collections.abc import Callable
 
@@ -24,7 +25,8 @@ from . import records
 from .buffer import Buffer
 from .session import SessionFiles
 
-_WAIT_S = 0.05
+_POLL_S = 0.0005
+_LONGEST_TURN_S = 0.05
 _LONGEST_WAIT_S = 3600.0
 
 _FAR_AHEAD = 2
@@ -56,9 +58,9 @@ class Journal:
         """What keeps the writer from writing at the moment, if anything; appends that cannot wait for it raise it."""
         self.eager: Callable[[], object] | None = None
         """Called after each `append`, where the options ask for writing sooner than a buffer is full."""
-        self.turn = threading.Event()
-        """Set while the writer does what needs no interpreter. An appending thread that is far ahead of it waits for
-        that once a buffer, so that both get on: the writer would have to wait 5 ms for every turn otherwise."""
+        self.writer_needs_no_interpreter = False
+        """True while the writer compresses. An appending thread that is far ahead of it waits for that once a buffer,
+        so that both get on: the writer would have to wait 5 ms for every turn otherwise."""
         self.writer_ident: int | None = None
         """Which thread recycles the buffers, and so must not wait for one."""
         self._registry = b""
@@ -67,7 +69,6 @@ class Journal:
         self._large_taken = self._large_given_back = 0
         self._sealed: queue.SimpleQueue[tuple[Buffer, ...] | int] = queue.SimpleQueue()
         self._free: queue.SimpleQueue[Buffer] = queue.SimpleQueue()
-        self._freed = threading.Event()
         self._rotating = False
         """Whether a rotation is under way. Who holds the lock and finds it set has interrupted that rotation, and must
         not wait for what it will bring about."""
@@ -274,7 +275,6 @@ class Journal:
             rows: How many rows are refused if it comes to that; None always waits.
         """
         while True:
-            self._freed.clear()
             with self.lock:
                 if self._shut is not None:
                     raise StateError(self._shut)
@@ -286,7 +286,7 @@ class Journal:
                     self.dropped[topic] = self.dropped.get(topic, 0) + rows
             if is_refused:
                 return self._refuse(topic, failure)
-            self._freed.wait(_WAIT_S)
+            time.sleep(_POLL_S)  # what else can be waited on has a lock that a signal handler would wait for, too
 
     def _cannot_wait(self) -> bool:
         """Whether waiting would be for ever: in a signal handler or finalizer that interrupted who makes room."""
@@ -306,7 +306,9 @@ class Journal:
     def _give_way(self) -> None:
         """Let a writer that is behind have the interpreter for a moment."""
         if self._sealed.qsize() >= _FAR_AHEAD and self.options.on_full == "block":
-            self.turn.wait(_WAIT_S)
+            until = time.monotonic() + _LONGEST_TURN_S
+            while not self.writer_needs_no_interpreter and time.monotonic() < until and not self._sealed.empty():
+                time.sleep(_POLL_S / 2)
 
     # -- sealing -------------------------------------------------------------------------------------------------------
 
@@ -395,7 +397,6 @@ class Journal:
         else:
             buffer.clear()
             self._free.put(buffer)
-        self._freed.set()
 
     # -- the end -------------------------------------------------------------------------------------------------------
 

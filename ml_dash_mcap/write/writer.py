@@ -33,17 +33,17 @@ _log = logging.getLogger("ml_dash_mcap")
 class _Alongside:
     """A compressor that says when it is at work, which needs no interpreter."""
 
-    def __init__(self, compress: Compressor, turn: threading.Event) -> None:
+    def __init__(self, compress: Compressor, journal: Journal) -> None:
         self.name = compress.name
         self._compress = compress
-        self._turn = turn
+        self._journal = journal
 
     def __call__(self, block: memoryview) -> Compressed:
-        self._turn.set()
+        self._journal.writer_needs_no_interpreter = True
         try:
             return self._compress(block)
         finally:
-            self._turn.clear()
+            self._journal.writer_needs_no_interpreter = False
 
 
 class Writer:
@@ -66,7 +66,7 @@ class Writer:
         self._stopping = threading.Event()
         self._give_up_at = float("inf")
         self._last_sync = self._last_seal = time.monotonic()
-        blocks.compress = _Alongside(blocks.compress, journal.turn)
+        blocks.compress = _Alongside(blocks.compress, journal)
         self._thread = threading.Thread(target=self._run, name="ml_dash_mcap writer", daemon=True)
         self._thread.start()
 

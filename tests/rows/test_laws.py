@@ -1,0 +1,155 @@
+"""Laws of rows: what is encoded comes back, merging is associative and last-wins, schemas cover what they can say."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import orjson
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ml_dash_mcap import clock
+from ml_dash_mcap.rows import merge
+from ml_dash_mcap.rows.encode import exact, restore
+from ml_dash_mcap.rows.schema import Shape, to_json
+from ml_dash_mcap.rows.skeleton import Bones, Skeletons, guess
+from tests.support.viewer_schema import violations
+
+TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
+SCALARS = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(2**63), 2**64 - 1),
+    st.floats(),
+    TEXT,
+    st.binary(max_size=8),
+)
+VALUES = st.recursive(
+    SCALARS,
+    lambda inner: st.one_of(st.lists(inner, max_size=4), st.dictionaries(TEXT, inner, max_size=4)),
+    max_leaves=8,
+)
+NAMES = st.sampled_from(["q", "q1", "q2", "pose", "a/b", "ab", "x-1", 'say "hi"', "é", "joint[0]", "joint[1]", "~"])
+FIELDS = st.dictionaries(st.one_of(NAMES, TEXT), VALUES, max_size=5).filter(
+    lambda row: not {"_ts", "_exact"} & set(row)
+)
+
+
+def encode(fields: dict[str, Any], time_s: float = 1.5) -> bytes:
+    return exact({**fields, "_ts": time_s}, "topic")
+
+
+def decode(payload: bytes) -> dict[str, Any]:
+    return restore(orjson.loads(payload))
+
+
+def same(left: Any, right: Any) -> bool:
+    """Equal to the last bit: types, NaN and the sign of zero included."""
+    return repr(left) == repr(right)
+
+
+@given(FIELDS)
+def test_what_is_encoded_comes_back_as_it_was(fields: dict[str, Any]) -> None:
+    assert same(decode(encode(fields)), {**fields, "_ts": 1.5})
+
+
+@given(st.lists(FIELDS, min_size=2, max_size=4))
+def test_merging_encoded_rows_is_merging_rows(rows: list[dict[str, Any]]) -> None:
+    merged = decode(merge.join([encode(row) for row in rows]))
+    expected = merge.merge([{**row, "_ts": 1.5} for row in rows])
+    assert {name: repr(value) for name, value in merged.items()} == {
+        name: repr(value) for name, value in expected.items()
+    }
+
+
+@given(st.lists(FIELDS, min_size=3, max_size=3))
+def test_merging_is_associative(rows: list[dict[str, Any]]) -> None:
+    first, second, third = (encode(row) for row in rows)
+    left = decode(merge.join([merge.join([first, second]), third]))
+    right = decode(merge.join([first, merge.join([second, third])]))
+    assert {name: repr(value) for name, value in left.items()} == {name: repr(value) for name, value in right.items()}
+
+
+@given(FIELDS)
+def test_rows_without_a_common_field_merge_by_cutting_their_bytes(fields: dict[str, Any]) -> None:
+    names = list(fields)
+    parts = [{name: fields[name] for name in names[::2]}, {name: fields[name] for name in names[1::2]}]
+    plain = [part for part in parts if b"_exact" not in encode(part)]
+    payloads = [encode(part) for part in plain] or [encode({})]
+    joined = merge.join_disjoint(payloads, merge.cut(payloads))
+    assert decode(joined) == decode(merge.join(payloads))
+
+
+def test_rows_of_one_nanosecond_and_two_times_are_told_apart() -> None:
+    payloads = [encode({"a": 1}, 1.0), encode({"a": 2}, math.nextafter(1.0, 2)), encode({"a": 3}, 1.0)]
+    assert merge.split_by_time(payloads, merge.cut(payloads)) == [[0, 2]]
+
+
+def block_of(payloads: list[bytes]) -> Bones:
+    """Lay rows out as a block does, each behind 31 bytes that are none of its text."""
+    data, starts, ends = b"", [], []
+    for number, payload in enumerate(payloads):
+        data += bytes([34, 92, 58, 5, number % 256] * 6 + [7])
+        starts.append(len(data))
+        data += payload
+        ends.append(len(data))
+    return Bones(np.frombuffer(data, np.uint8), np.array(starts), np.array(ends), 31)
+
+
+@settings(max_examples=150)
+@given(st.lists(st.lists(FIELDS, min_size=1, max_size=6), min_size=1, max_size=4))
+def test_the_shape_learned_from_skeletons_is_the_shape_of_all_rows(blocks: list[list[dict[str, Any]]]) -> None:
+    skeletons, every = Skeletons(), Shape()
+    for rows in blocks:
+        payloads = [encode(row) for row in rows]
+        bones = block_of(payloads)
+        guessed = guess(bones, np.ones(len(rows), np.int64), {1: skeletons})
+        forms = skeletons.classify(bones, np.arange(len(rows))) if guessed is None else guessed
+        for row, form in zip(rows, forms.tolist(), strict=True):
+            every.add({**row, "_ts": 1.5})
+            assert skeletons.forms[form].keys - {"_exact"} == {*row, "_ts"}
+    assert to_json(skeletons.shape, "t") == to_json(every, "t")
+
+
+@given(st.lists(FIELDS, min_size=1, max_size=6))
+def test_a_schema_stays_within_what_viewers_know(rows: list[dict[str, Any]]) -> None:
+    shape = Shape()
+    for row in rows:
+        shape.add({**row, "_ts": 1.5})
+    assert violations(to_json(shape, "topic")) == []
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ([1, 2], {"type": "integer"}),
+        ([1, 0.5], {"type": "number"}),
+        ([116, 1e16], {"type": "number"}),
+        ([1.0, None], {"type": "number"}),
+        ([True, False], {"type": "boolean"}),
+        (["x7", "y"], {"type": "string"}),
+        ([b"x"], {"type": "string", "contentEncoding": "base64"}),
+        ([[1.0], [2.0, 3.0]], {"type": "array", "items": {"type": "number"}, "minItems": 1, "maxItems": 2}),
+        ([[], [1]], {"type": "array", "items": {"type": "integer"}, "minItems": 0, "maxItems": 1}),
+        ([{"p": 1}], {"type": "object", "properties": {"p": {"type": "integer"}}}),
+        ([1, "x"], None),
+        ([[[1.0]]], None),
+        ([None], None),
+        ([[]], None),
+        ([[b"x"]], None),
+    ],
+)
+def test_a_field_is_said_in_the_subset_or_left_out(values: list[Any], said: dict[str, Any] | None) -> None:
+    payloads = [encode({"f": value}) for value in values]
+    skeletons = Skeletons()
+    skeletons.classify(block_of(payloads), np.arange(len(payloads)))
+    assert to_json(skeletons.shape, "t")["properties"].get("f") == said
+
+
+@given(st.floats(0, clock.END_S, exclude_max=True))
+def test_a_time_is_rounded_to_the_nearest_nanosecond(seconds: float) -> None:
+    assert abs(clock.to_nanoseconds(seconds) - Fraction(seconds) * 10**9) <= Fraction(1, 2) + Fraction(1, 10**6)
