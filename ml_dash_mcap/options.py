@@ -58,10 +58,18 @@ class RecorderOptions:
     buffered: bool = True
     """False writes every row to the file before `append` returns. For debugging; it holds the loop up."""
 
-    journal_dir: str | None = None
+    journal_dir: str | os.PathLike[str] | None = None
     """Where the journal's buffers live. None takes shared memory if there is room, else the run's own folder."""
 
     def __post_init__(self) -> None:
+        for name in ("flush_interval_s", "sync_interval_s", "segment_duration_s"):
+            _check_kind(name, getattr(self, name), (int, float), "a number")
+        for name in ("chunk_bytes", "backlog_bytes", "segment_bytes"):
+            _check_kind(name, getattr(self, name), (int,), "a whole number")
+        for name in ("compression_level", "batch_rows"):
+            _check_kind(name, getattr(self, name), (int, type(None)), "a whole number or None")
+        _check(isinstance(self.buffered, bool), "buffered", self.buffered, "True or False")
+        _check_kind("journal_dir", self.journal_dir, (str, os.PathLike, type(None)), "a path or None")
         _check(self.flush_interval_s > 0, "flush_interval_s", self.flush_interval_s, "more than 0 s")
         _check(64 * KIB <= self.chunk_bytes <= 4_000_000, "chunk_bytes", self.chunk_bytes, "65,536 to 4,000,000 bytes")
         _check(self.compression in ("zstd", "lz4", "none"), "compression", self.compression, "'zstd', 'lz4' or 'none'")
@@ -128,6 +136,10 @@ def _check(holds: bool, name: str, value: object, wanted: str) -> None:
         raise OptionError(f"{name}={value!r}: it must be {wanted}")
 
 
+def _check_kind(name: str, value: object, kinds: tuple[type, ...], wanted: str) -> None:
+    _check(isinstance(value, kinds) and not isinstance(value, bool), name, value, wanted)
+
+
 def _from_variables(environment: Mapping[str, str]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for variable, option in _VARIABLES.items():
@@ -149,5 +161,8 @@ def _parse(variable: str, option: str, text: str) -> float | int | bool:
 def _from_buffer_config(config: Any) -> dict[str, Any]:
     if config is None:
         return {}
-    entries = dict(config) if isinstance(config, Mapping) else dict(vars(config))
+    try:
+        entries = dict(config) if isinstance(config, Mapping) else dict(vars(config))
+    except TypeError as error:
+        raise OptionError(f"buffer_config={config!r}: pass a dict or an object with attributes") from error
     return {_ML_DASH_NAMES.get(name, name): value for name, value in entries.items() if name not in _ML_DASH_ELSEWHERE}

@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import Any, Literal, TypeVar
 
 from . import clock
-from .errors import FieldError, StorageError, TopicError
+from .errors import FieldError, PrefixError, StorageError, TopicError, UsageError
 from .layout import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
 from .options import RecorderOptions
 from .recovery import recover
@@ -93,9 +93,10 @@ class Recorder:
         self._finalizer = weakref.finalize(self, _close, self._journal, self._writer, os.getpid())
 
     def _about(self, prefix: str | None, metadata: Mapping[str, str]) -> dict[str, str]:
+        said = {_text("metadata", name): _text(f"metadata {name!r}:", value) for name, value in metadata.items()}
         return {
-            **metadata,
-            "prefix": prefix if prefix is not None else self.path.name,
+            **said,
+            "prefix": _text("prefix", self.path.name if prefix is None else prefix),
             "run": self.session,
             "run_start": datetime.datetime.now(datetime.timezone.utc).isoformat(),
             "host": socket.gethostname(),
@@ -180,7 +181,8 @@ class Recorder:
 
     def write_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record of a name of its own. It is as safe as a row when this returns."""
-        self._journal.add_metadata(records.metadata(name, values))
+        said = {_text("metadata", key): _text(f"metadata {key!r}:", value) for key, value in values.items()}
+        self._journal.add_metadata(records.metadata(_text("metadata", name), said))
         if self._journal.eager is not None:
             self._journal.eager()
 
@@ -260,25 +262,51 @@ def _topic_metadata(
 ) -> dict[str, str]:
     said: dict[str, str] = {}
     if description is not None:
-        said["description"] = str(description)
+        said["description"] = _text("description", description)
     if tags is not None:
-        said["tags"] = json.dumps([tags] if isinstance(tags, str) else list(tags))
+        words = [tags] if isinstance(tags, str) else list(tags) if isinstance(tags, Iterable) else [tags]
+        if not all(isinstance(word, str) for word in words):
+            raise FieldError(f"tags={tags!r}: pass a list of words")
+        said["tags"] = json.dumps([_text("tag", word) for word in words])
     if metadata is not None:
+        if not isinstance(metadata, Mapping):
+            raise FieldError(f"metadata={metadata!r}: pass a dict")
         said["metadata"] = _parameter_text("metadata", dict(metadata))
     return said
 
 
+def _text(name: str, value: Any) -> str:
+    """Return a value as text that a file can hold."""
+    text = value if isinstance(value, str) else str(value)
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise FieldError(f"{name} {text!r} is not valid Unicode: {error}") from error
+    return text
+
+
 def _parameter_text(name: str, value: Any) -> str:
     """Spell a parameter as JSON, with Python's `NaN` and `Infinity` where it has them."""
+    if not isinstance(name, str):
+        raise FieldError(f"the name of a parameter is text, not {name!r}")
+    _text("the parameter's name", name)
     try:
         text = dumps(value, plain)
         return text.decode() if b"null" not in text else json.dumps(value, default=plain_list)
-    except (TypeError, ValueError) as error:
+    except Exception as error:  # what a foreign object's own methods raise
         raise FieldError(f"parameter {name!r}: a {type(value).__qualname__} cannot be stored: {error}") from error
 
 
 def _make_folder(path: str | Path) -> Path:
-    folder = Path(path).expanduser().absolute()
+    try:
+        folder = Path(path).expanduser().absolute()
+        os.fsencode(folder)
+    except TypeError as error:
+        raise UsageError(f"a recording's path is text or a Path, not {path!r}") from error
+    except UnicodeEncodeError as error:
+        raise PrefixError(f"the path {path!r} is not valid Unicode") from error
+    if "\0" in str(folder):
+        raise PrefixError(f"the path {path!r} has a NUL in it")
     if folder.suffix == ".mcap":
         raise StorageError(
             f"{path}: a recording is a folder of .mcap files; pass a folder, such as {str(folder.with_suffix(''))!r}"

@@ -126,9 +126,7 @@ def _to_float(given: Any) -> float | None:
     """Return a number as a float; None for what is no number (a bool is a mistake)."""
     if isinstance(given, (bool, str, bytes)) or given is None:
         return None
-    if type(given).__name__ in ("bool", "bool_") and hasattr(given, "dtype"):
-        return None
-    if getattr(given, "ndim", 0) != 0:
+    if getattr(getattr(given, "dtype", None), "kind", "f") not in "fiu" or getattr(given, "ndim", 0) != 0:
         return None
     try:
         return float(given)

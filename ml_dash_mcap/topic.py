@@ -71,7 +71,7 @@ class Topic:
         # and `Journal.add` written out; closed and forked recorders fail the room check, so they cost nothing here.
         if positional or timestamp is not _UNSET or _exact is not _UNSET:
             fields = self._accept(positional, timestamp, _exact, fields)
-        if _ts.__class__ is not float or not 0.0 <= _ts < _END_S:
+        if _ts.__class__ is not float or not 0.0 < _ts < _END_S:  # 0.0 is checked, for it may be -0.0
             _ts = self._time(_ts)
         fields[TIME_KEY] = _ts
         try:
@@ -112,6 +112,8 @@ class Topic:
         Raises:
             As `append`; the message names the row's index.
         """
+        if not isinstance(rows, Iterable):
+            raise UsageError(f"append_batch() on topic {self.name!r} takes a list of dicts, not {rows!r}")
         tails: list[tuple[bytes, float]] = []
         for index, row in enumerate(rows):
             tails.append(self._encode_row(index, row, tails[-1][1] if tails else None))

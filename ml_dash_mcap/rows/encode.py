@@ -191,7 +191,7 @@ def _simpler(value: Any, where: tuple[str, str]) -> Any:
         return str(value)
     try:
         return plain_list(value)
-    except (TypeError, ValueError, RuntimeError) as error:
+    except Exception as error:  # what a foreign object's own methods raise
         raise FieldError(
             f"append() on topic {where[0]!r}: field {where[1]!r} holds a {type(value).__module__}."
             f"{type(value).__qualname__}, which cannot be stored; pass numbers, text, bytes, lists, dicts or arrays"

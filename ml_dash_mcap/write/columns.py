@@ -52,6 +52,8 @@ def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes) ->
         FieldError: A column has another length, or a value cannot be stored.
     """
     times = _times(times_s, topic)
+    for name in columns:
+        _check_name(name, topic)
     arrays = {name: _column(name, column, len(times), topic) for name, column in columns.items()}
     plain = {name: array for name, array in arrays.items() if _is_bulk(array)}
     if len(plain) < len(arrays):  # a value that cannot be stored is an error before any row is taken
@@ -60,13 +62,27 @@ def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes) ->
     return _encode_slices(times, plain, topic, head)
 
 
+def _check_name(name: str, topic: str) -> None:
+    try:
+        name.encode()
+    except UnicodeEncodeError as error:
+        raise FieldError(
+            f"append_columns() on topic {topic!r}: the column name {name!r} is not valid Unicode"
+        ) from error
+
+
 def _times(times_s: Any, topic: str) -> npt.NDArray[np.float64]:
     try:
-        times = np.ascontiguousarray(times_s, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        given = np.asarray(times_s)
+    except ValueError as error:  # ragged
         raise TimestampError(f"append_columns() on topic {topic!r}: _ts must be numbers, [N], in seconds") from error
-    if times.ndim != 1:
-        raise TimestampError(f"append_columns() on topic {topic!r}: _ts has the shape {times.shape}; it must be [N]")
+    if given.ndim != 1:
+        raise TimestampError(f"append_columns() on topic {topic!r}: _ts has the shape {given.shape}; it must be [N]")
+    if given.dtype.kind not in "fiu" and len(given):
+        raise TimestampError(
+            f"append_columns() on topic {topic!r}: _ts must be numbers, [N], in seconds; these are {given.dtype}"
+        )
+    times = given.astype(np.float64)
     good = (times >= 0) & (times < clock.END_S)
     if not good.all():
         row = int(np.flatnonzero(~good)[0])
@@ -78,7 +94,8 @@ def _times(times_s: Any, topic: str) -> npt.NDArray[np.float64]:
 
 
 def _column(name: str, column: Any, count: int, topic: str) -> Any:
-    if name == TIME_KEY or not hasattr(column, "__len__") or isinstance(column, (str, bytes, Mapping)):
+    is_sequence = hasattr(column, "__len__") and hasattr(column, "__getitem__") and getattr(column, "ndim", 1) > 0
+    if not is_sequence or isinstance(column, (str, bytes, Mapping)):
         raise FieldError(
             f"append_columns() on topic {topic!r}: column {name!r} must be an array or a sequence with one value a row"
         )
