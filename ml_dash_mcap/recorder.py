@@ -81,16 +81,23 @@ class Recorder:
         self._numbers = itertools.count(1)
         about = self._about(prefix, metadata or {})
         self._journal = Journal(SessionFiles(self.path, self.session, self.options, about), self.options)
+        try:
+            self._start(about)
+        except BaseException:
+            self._journal.remove()
+            raise
+        self._finalizer = weakref.finalize(self, _close, self._journal, self._writer, os.getpid())
+
+    def _start(self, about: Mapping[str, str]) -> None:
+        """Set the writer to work."""
         self._stamper.journal = self._journal
-        blocks = BlockWriter(self.path, self.options, about, self._channels)
-        self._blocks = blocks
-        self._writer = Writer(self._journal, blocks)
+        self._blocks = BlockWriter(self.path, self.options, about, self._channels)
+        self._writer = Writer(self._journal, self._blocks)
         self._journal.failure = _weak_failure(self._writer)
         if not self.options.buffered:
             self._journal.eager = self._writer.flush
         elif self.options.batch_rows is not None:
             self._journal.eager = self._journal.seal_at(self.options.batch_rows)
-        self._finalizer = weakref.finalize(self, _close, self._journal, self._writer, os.getpid())
 
     def _about(self, prefix: str | None, metadata: Mapping[str, str]) -> dict[str, str]:
         said = {_text("metadata", name): _text(f"metadata {name!r}:", value) for name, value in metadata.items()}

@@ -1,4 +1,4 @@
-"""What holds for every test: each file that our recorder finished under the test's folder is one that all readers accept."""
+"""What holds for every test: each file that our recorder finished in the test's folder suits all its readers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ _LIBRARY_AT = 8 + 9 + 4 + 0 + 4
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "breaks_files: the test damages files of the recorder on purpose; they are not judged")
+    config.addinivalue_line(
+        "markers", "breaks_files: the test damages files of the recorder on purpose; they are not judged"
+    )
 
 
 def _is_ours(path: Path) -> bool:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ml_dash_mcap.errors import BacklogFullError, StateError
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.topic import EventTopic
@@ -45,6 +46,10 @@ class Rows:
         self.topics[topic].append(n=number, **fields, _ts=float(number))
         self.taken.append(number)
 
+    def fill(self, topic: str) -> None:
+        for _ in range(4):
+            self.append(topic, fill=FILLER)
+
     def batch(self, count: int) -> None:
         numbers = [next(self.numbers) for _ in range(count)]
         self.topics["main"].append_batch([{"n": n, "fill": FILLER, "_ts": float(n)} for n in numbers])
@@ -52,7 +57,7 @@ class Rows:
 
     def columns(self, count: int) -> None:
         numbers = np.array([next(self.numbers) for _ in range(count)])
-        self.topics["main"].append_columns(_ts=numbers.astype(float), n=numbers, fill=np.zeros((count, 1000)))
+        self.topics["main"].append_columns(_ts=numbers.astype(float), n=numbers, fill=np.zeros((count, 600)))
         self.taken += numbers.tolist()
 
     def log(self) -> None:
@@ -68,10 +73,11 @@ class Rows:
         """Close, and compare with what mcap's own reader finds."""
         self.recorder.close()
         found = Counter(row["n"] for rows in disk.rows(self.recorder.path).values() for row in rows)
+        taken = set(self.taken)
         return {
             "missing": [number for number in self.taken if number not in found],
             "twice": [number for number, count in found.items() if count > 1],
-            "foreign": [number for number in found if number not in self.taken and number not in may_be],
+            "foreign": [number for number in found if number not in taken and number not in may_be],
         }
 
 
@@ -83,7 +89,7 @@ CLEAN: dict[str, list[int]] = {"missing": [], "twice": [], "foreign": []}
 
 ACTIONS: dict[str, Callable[[Rows], None]] = {
     "append": lambda rows: rows.append("main"),
-    "appends that fill a buffer": lambda rows: [rows.append("main", fill=FILLER) for _ in range(4)],  # type: ignore[dict-item, return-value]
+    "appends that fill a buffer": lambda rows: rows.fill("main"),
     "append of a row larger than a buffer": lambda rows: rows.append("main", fill=FILLER * 5),
     "append_batch": lambda rows: rows.batch(4),
     "append_columns": lambda rows: rows.columns(12),
@@ -94,7 +100,7 @@ ACTIONS: dict[str, Callable[[Rows], None]] = {
 
 HANDLERS: dict[str, Callable[[Rows], None]] = {
     "append": lambda rows: rows.append("handler"),
-    "appends that fill a buffer": lambda rows: [rows.append("handler", fill=FILLER) for _ in range(4)],  # type: ignore[dict-item, return-value]
+    "appends that fill a buffer": lambda rows: rows.fill("handler"),
     "append of a row larger than a buffer": lambda rows: rows.append("handler", fill=FILLER * 5),
     "parameters": lambda rows: rows.set_parameter(),
 }
@@ -110,8 +116,14 @@ def test_a_handler_that_records_may_interrupt_the_recorder_anywhere(tmp_path: Pa
     def act() -> None:
         ACTIONS[action](rows)
 
+    def handle() -> None:
+        with contextlib.suppress(
+            BacklogFullError
+        ):  # it cannot wait for room inside of one who waits for room: it is told so
+            HANDLERS[handler](rows)
+
     def through() -> None:
-        for interruption in at_every_point(act, lambda: HANDLERS[handler](rows)):
+        for interruption in at_every_point(act, handle):
             points.append(interruption.where)
             if interruption.number % 10 == 0:
                 recorder.flush()
@@ -120,7 +132,8 @@ def test_a_handler_that_records_may_interrupt_the_recorder_anywhere(tmp_path: Pa
     assert rows.missing_or_twice() == CLEAN, points
     parameters = {name for record in disk.metadata(tmp_path, "ml_dash.parameters") for name in record}
     assert parameters == {f"p{number + 1}" for number in range(rows.parameters)}
-    assert recorder.stats()["accepted"] == len(rows.taken)
+    assert recorder.stats()["written"] == len(rows.taken)
+    assert recorder.stats()["dropped"] <= len(points)
     assert len(points) >= 3
 
 
@@ -140,11 +153,15 @@ def test_ctrl_c_anywhere_in_the_recorder_loses_no_row_that_was_taken(tmp_path: P
         started.update(range(before, next(rows.numbers)))
 
     points = []
-    for interruption in at_every_point(act, interrupted):
-        points.append(interruption.where)
-        for _ in range(4):  # the recorder goes on as if nothing had been
-            rows.append("handler", fill=FILLER)
-        recorder.flush()
+
+    def through() -> None:
+        for interruption in at_every_point(act, interrupted):
+            points.append(interruption.where)
+            for _ in range(4):  # the recorder goes on as if nothing had been
+                rows.append("handler", fill=FILLER)
+            recorder.flush()
+
+    within(20, through, recorder._finalizer.detach)
     assert rows.missing_or_twice(may_be=started) == CLEAN, points
     assert len(points) >= 3
 
@@ -161,12 +178,15 @@ def test_ctrl_c_does_not_use_up_the_buffers(tmp_path: Path) -> None:
             for _ in range(4):
                 rows.append("main", fill=FILLER)
 
-    for number, _ in enumerate(at_every_point(act, interrupted)):
-        if number % 5 == 0:
-            recorder.flush()
-    recorder.flush()
-    for _ in range(20):
-        rows.append("main", fill=FILLER)
+    def through() -> None:
+        for number, _ in enumerate(at_every_point(act, interrupted)):
+            if number % 5 == 0:
+                recorder.flush()
+        for _ in range(20):
+            rows.append("main", fill=FILLER)
+        recorder.flush()
+
+    within(10, through, recorder._finalizer.detach)
     assert rows.missing_or_twice(may_be=set(range(10**6)))["missing"] == []
 
 
@@ -206,7 +226,8 @@ def test_a_handler_may_append_while_the_backlog_is_full(tmp_path: Path) -> None:
 
     def handle() -> None:
         for _ in range(8):
-            rows.append("handler", fill=FILLER)
+            with contextlib.suppress(BacklogFullError):
+                rows.append("handler", fill=FILLER)
 
     def through() -> None:
         for number, _ in enumerate(at_every_point(act, handle)):
@@ -214,7 +235,7 @@ def test_a_handler_may_append_while_the_backlog_is_full(tmp_path: Path) -> None:
                 break
         sys.setprofile(None)
 
-    within(20, through, recorder._finalizer.detach)
+    within(8, through, recorder._finalizer.detach)
     assert rows.missing_or_twice() == CLEAN
 
 
@@ -275,7 +296,8 @@ def test_a_finalizer_that_runs_on_the_writer_thread_may_append_while_the_backlog
             entered.set()
             go_on.wait()
             for _ in range(8):
-                rows.append("handler", fill=FILLER)  # as a finalizer would, which the collector runs on this thread
+                with contextlib.suppress(BacklogFullError, StateError):
+                    rows.append("handler", fill=FILLER)  # as a finalizer would, which the collector runs on this thread
         return compress(*arguments)
 
     collecting.name = compress.name  # type: ignore[attr-defined]
@@ -285,6 +307,7 @@ def test_a_finalizer_that_runs_on_the_writer_thread_may_append_while_the_backlog
     assert entered.wait(10)
     go_on.set()
     within(10, recorder.close, recorder._finalizer.detach)
+    assert rows.missing_or_twice() == CLEAN
 
 
 def test_a_recorder_that_is_collected_on_its_own_writer_thread_is_closed_all_the_same(tmp_path: Path) -> None:

@@ -60,7 +60,8 @@ class Progress:
         os.close(descriptor)
 
     def note(self, kind: str, count: int) -> None:
-        struct.pack_into("<Q", self._memory, 8 * KINDS.index(kind), count)
+        at = 8 * KINDS.index(kind)
+        self._memory[at : at + 8] = count.to_bytes(8, "little")  # at once; struct.pack_into writes zeros first
 
     def counts(self) -> dict[str, int]:
         return dict(zip(KINDS, self._layout.unpack(self._memory), strict=True))
@@ -111,7 +112,7 @@ def lost_or_twice(folder: Path, accepted: dict[str, int], in_flight: int = 1) ->
             found = list(recording[kind].rows()) if kind in recording else []
             possible = [recorded(kind, accepted[kind] + more) for more in range(in_flight + 1)]
             if found not in possible:
-                wrong.append(f"{kind}: {len(found)} rows were read, not the {len(possible[0])} that were accepted, or not as they were")
+                wrong.append(f"{kind}: {len(found)} rows were read for {len(possible[0])} accepted, or other ones")
         parameters = recording.params.get("step", 0)
     if not accepted[STEP] <= parameters <= accepted[STEP] + in_flight:
         wrong.append(f"the parameter is {parameters} after {accepted[STEP]} settings")
@@ -133,7 +134,7 @@ def _repeated(folder: Path, accepted: dict[str, int], in_flight: int) -> list[st
     return wrong
 
 
-# -- what children of the zygote do --------------------------------------------------------------------------------------
+# -- what children of the zygote do ------------------------------------------------------------------------------------
 
 
 def record_until_killed(folder: str, progress: str, seed: int, signal_at: int, fifo: str) -> None:

@@ -12,6 +12,7 @@ indices inside it.
 from __future__ import annotations
 
 import base64
+import contextlib
 import datetime
 import enum
 import math
@@ -238,7 +239,8 @@ def _resolve(row: Any, pointer: str) -> Any:
     container = row
     for token in pointer.split("/")[1:]:
         if isinstance(container, list):
-            container = container[int(token)] if token.isdigit() and int(token) < len(container) else None
+            is_index = token.isascii() and token.isdecimal() and int(token) < len(container)
+            container = container[int(token)] if is_index else None
         elif isinstance(container, dict):
             container = container.get(token.replace("~1", "/").replace("~0", "~"))
     return container
@@ -248,10 +250,11 @@ def _put_back(container: Any, key: Any, spelling: str) -> None:
     if isinstance(container, list):
         present = isinstance(key, int) and 0 <= key < len(container)
     else:
-        present = isinstance(container, dict) and key in container
+        present = isinstance(container, dict) and isinstance(key, str) and key in container
     if not present:
         return
     if spelling in _NONFINITE and container[key] is None:
         container[key] = _NONFINITE[spelling]
     elif spelling == "bytes" and isinstance(container[key], str):
-        container[key] = base64.b64decode(container[key])
+        with contextlib.suppress(ValueError):
+            container[key] = base64.b64decode(container[key], validate=True)

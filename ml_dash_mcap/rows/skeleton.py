@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import orjson
 
-from .encode import restore
+from .encode import EXACT_KEY, restore
 from .schema import Shape
 
 Bytes = npt.NDArray[np.uint8]
@@ -65,7 +65,7 @@ class Skeletons:
         alone = Shape()
         alone.add(row)
         self.shape.add(row)
-        self.forms.append(Form(keys, _NO_ITEMS not in skeleton, alone.has_integers()))
+        self.forms.append(Form(keys, _NO_ITEMS not in skeleton and EXACT_KEY not in keys, alone.has_integers()))
         return len(self.forms) - 1
 
     def classify(self, bones: Bones, rows: Offsets) -> npt.NDArray[np.int32]:
@@ -179,7 +179,7 @@ class Bones:
         keep &= data != _MINUS
         keep[(starts - head)[:, None] + np.arange(head)] = False
         at, kept = _without_exponents(data, np.flatnonzero(keep))
-        spans = _cut_keys(at, kept)
+        spans = np.concatenate((_cut_keys(at, kept), _rows_with_backslash(at, kept, starts, ends)))
         if len(spans):
             keep[spans] = True
             at, kept = _without_exponents(data, np.flatnonzero(keep), spans)
@@ -249,14 +249,21 @@ def _cut_keys(at: Offsets, kept: Bytes) -> Offsets:
         kept: These.
     """
     quotes = np.flatnonzero(kept == _QUOTE)
-    if (kept == _BACKSLASH).any():  # a quote may be text; keep all that stands between two of them
-        return _ranges(at[quotes[:-1]], at[quotes[1:]])
     quotes = quotes[: np.searchsorted(quotes, len(kept) - 1)]
     closing = np.flatnonzero(kept[quotes + 1] == _COLON)
     closing = closing[closing > 0]
     first, last = quotes[closing - 1], quotes[closing]
     lost = at[last] - at[first] != last - first
     return _ranges(at[first[lost]], at[last[lost]])
+
+
+def _rows_with_backslash(at: Offsets, kept: Bytes, starts: Offsets, ends: Offsets) -> Offsets:
+    """Return where the bytes of those rows lie in which a quote may be text: all of them are kept."""
+    backslashes = at[np.flatnonzero(kept == _BACKSLASH)]
+    if not len(backslashes):
+        return backslashes
+    rows = np.unique(np.searchsorted(starts, backslashes, side="right") - 1)
+    return _ranges(starts[rows], ends[rows] - 1)
 
 
 def _ranges(firsts: Offsets, lasts: Offsets) -> Offsets:

@@ -238,18 +238,15 @@ class BlockWriter:
         of_tracks = epoch_like[is_track]
         now = "epoch" if of_tracks.all() else "mixed" if of_tracks.any() else "relative"
         before = self.clock
-        if before == "unknown":
-            self.clock = now
-            if now != "relative":
-                return rows, False
-            splits = self._segment is not None and bool(self._segment.contents.chunks)
-            return _retime(rows, np.flatnonzero(~is_track & epoch_like), int(rows.times[is_track][0])), splits
-        if before != now and before != "mixed":
-            self.clock = "mixed"
+        self.clock = now if before in ("unknown", now) else "mixed"
+        if self.clock == "mixed" != before:
             _log.warning(
                 "the tracks in %s mix wall-clock times and times near 0; viewers refuse such a file", self.folder
             )
-        return rows, False
+        if before != "unknown" or now != "relative":
+            return rows, False
+        splits = self._segment is not None and bool(self._segment.contents.chunks)
+        return _retime(rows, np.flatnonzero(~is_track & epoch_like), int(rows.times[is_track][0])), splits
 
     # -- segments ----------------------------------------------------------------------------------------------------
 

@@ -47,8 +47,14 @@ class SessionFiles:
         try:
             self._reserve()
             self._lock.write(self._describe(about))
+        except OSError as error:
+            self.remove()
+            if isinstance(error, StorageError):
+                raise
+            what = f"cannot write to the recording's folder: {error.strerror}"
+            raise StorageError(error.errno, what, str(folder)) from error
         except BaseException:
-            self._lock.remove()
+            self.remove()
             raise
 
     def _describe(self, about: Mapping[str, str]) -> bytes:
