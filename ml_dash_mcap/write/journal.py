@@ -8,6 +8,7 @@ handler of the same thread passes.
 
 from __future__ import annotations
 
+import collections
 import os
 import queue
 import threading
@@ -68,14 +69,12 @@ class Journal:
         self._sealed_rows = 0
         self._large_taken = self._large_given_back = 0
         self._sealed: queue.SimpleQueue[tuple[Buffer, ...] | int] = queue.SimpleQueue()
-        self._free: queue.SimpleQueue[Buffer] = queue.SimpleQueue()
+        self._free: collections.deque[Buffer] = collections.deque(session.buffers[1:])
         self._rotating = False
         """Whether a rotation is under way. Who holds the lock and finds it set has interrupted that rotation, and must
         not wait for what it will bring about."""
         self._shut: str | None = None
         self._nothing = Buffer(None, 0)
-        for buffer in session.buffers[1:]:
-            self._free.put(buffer)
         self.active = session.buffers[0]
         self.active.begin(self._prologue(0, self._registry))
         _LIVE.add(self)
@@ -312,21 +311,25 @@ class Journal:
 
     # -- sealing -------------------------------------------------------------------------------------------------------
 
-    def seal(self, timeout_s: float = -1) -> bool:
-        """Hand what is in the active buffer to the writer; returns whether there is nothing left in it.
-
-        Args:
-            timeout_s: How long to wait for the lock, in seconds; -1 is as long as it takes.
-        """
-        if not self.lock.acquire(timeout=timeout_s):
-            return False
-        try:
+    def seal(self) -> bool:
+        """Hand what is in the active buffer to the writer; returns whether there is nothing left in it."""
+        with self.lock:
             active = self.active
             if active.limit < 0 or not (active.starts or active.has_extras):
                 return True
             return self._rotate(active)
-        finally:
-            self.lock.release()
+
+    def seal_within(self, timeout_s: float) -> None:
+        """Do the same if the lock can be had in time and a buffer is free. For the writer thread, which no Ctrl-C hits.
+
+        Args:
+            timeout_s: How long to wait for the lock, in seconds.
+        """
+        if self.lock.acquire(timeout=timeout_s):
+            try:
+                self.seal()
+            finally:
+                self.lock.release()
 
     def seal_at(self, rows: int) -> Callable[[], object]:
         """Return what seals the active buffer once so many rows are in it."""
@@ -343,13 +346,13 @@ class Journal:
         Returns:
             Whether it is worth while to look at the active buffer again; with `own`, whether that is handed over.
         """
-        try:
-            fresh = self._free.get_nowait()
-        except queue.Empty:
+        free, is_nested, is_used = self._free, self._rotating, False
+        if not free:
             return False
-        is_used = False
         self._rotating = True
-        try:
+        fresh = free[0]
+        del free[0]
+        try:  # no call since `free` was looked at
             end, registry, put = full.end, self._registry, self._sealed.put
             rows, chunks = self._sealed_rows + len(full.starts), self._chunks + bool(full.starts)
             sealed: tuple[Buffer, ...] = (full,)
@@ -366,10 +369,10 @@ class Journal:
                     own.is_sealed = True
                 put(sealed)
         finally:
-            self._rotating = False
+            self._rotating = is_nested
             if not is_used:
-                fresh.clear()
-                self._free.put(fresh)
+                fresh.map[0] = 0
+                free += (fresh,)
         return is_used or own is None
 
     def rows(self) -> int:
@@ -396,7 +399,7 @@ class Journal:
             self._give_back(buffer)
         else:
             buffer.clear()
-            self._free.put(buffer)
+            self._free.append(buffer)
 
     # -- the end -------------------------------------------------------------------------------------------------------
 

@@ -22,6 +22,7 @@ _THE_END, _SYNC = -1, -2
 """Marks that are not the number of a flush."""
 
 _POLL_S = 0.1
+_BRIEFLY_S = 0.002
 _LOCK_PATIENCE_S = 0.01
 """The writer thread never waits longer for an appending thread, which may be waiting for it."""
 
@@ -78,8 +79,9 @@ class Writer:
         Raises:
             StorageError: It cannot be written.
         """
-        while not self._journal.seal(_POLL_S):
+        while not self._journal.seal():
             self._raise_failure()
+            time.sleep(_BRIEFLY_S)
         with self._progress:
             self._requested += 1
             ticket = self._requested
@@ -152,7 +154,7 @@ class Writer:
     def _tick(self) -> None:
         """Have what waits written, and synced when it is time for that."""
         now = self._last_seal = time.monotonic()
-        self._journal.seal(_LOCK_PATIENCE_S)
+        self._journal.seal_within(_LOCK_PATIENCE_S)
         interval = self._journal.options.sync_interval_s
         if interval and now - self._last_sync >= interval - self._tick_s() / 2:
             self._last_sync = now
