@@ -189,9 +189,9 @@ class Journal:
                     active.end = end
                     self.last_s = last_s
                     done = fitting
-                    active.starts.extend(row_starts)
+                    active.starts += row_starts
                     if is_uniform:
-                        active.uniform.append(run)
+                        active.uniform += (run,)
                     return True
 
         while done < len(starts):
