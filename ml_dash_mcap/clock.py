@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 NS_PER_S = 1_000_000_000
 
 END_S = 9_223_372_036.0
@@ -28,6 +30,11 @@ def to_nanoseconds(seconds: float) -> int:
 def to_seconds(nanoseconds: int) -> float:
     """Return the double nearest to a time in nanoseconds."""
     return nanoseconds / NS_PER_S
+
+
+def to_seconds_each(nanoseconds: Iterable[int]) -> list[float]:
+    """Return the doubles nearest to times in nanoseconds; numpy would round twice beyond 2**53 ns (104 days)."""
+    return [time / NS_PER_S for time in nanoseconds]
 
 
 def sec_nsec(nanoseconds: int) -> dict[str, int]:

@@ -12,7 +12,8 @@
     ├── BacklogFullError     (BufferError)               the writer fell behind and on_full="raise"
     ├── RangeError           (ValueError)                a range that ends before it starts, or of no numbers
     ├── StorageError         (OSError)                   a folder or file that cannot be made, written or locked
-    │   └── MissingRecordingError  (FileNotFoundError)   a path where no recording is
+    │   ├── MissingRecordingError  (FileNotFoundError)   a path where no recording is
+    │   └── DestinationExistsError (FileExistsError)     an export's destination that is there already
     ├── NotFoundError        (KeyError)                  a topic, column or entry that is not there
     ├── FormatError          (ValueError)                an export format that is not known
     ├── EncodingError        (ValueError)                messages in an encoding that this library does not decode
@@ -76,6 +77,10 @@ class StorageError(RecorderError, OSError):
 
 class MissingRecordingError(StorageError, FileNotFoundError):
     """A path where no recording is."""
+
+
+class DestinationExistsError(StorageError, FileExistsError):
+    """The destination of an export is there already; nothing was written."""
 
 
 class NotFoundError(RecorderError, KeyError):

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import orjson
 
-from . import clock
-from .errors import FormatError, StateError
-from .export import FORMATS, Selection
+from . import clock, topic_reader
+from .errors import MissingRecordingError, StateError
+from .export import Job, export
+from .export.job import Progress
 from .layout import (
     ABOUT_RECORD,
     FILE_TOPIC,
@@ -25,10 +28,10 @@ from .layout import (
 from .lookup import Lookup, not_found
 from .read import rows, topics
 from .read.file import File
-from .read.records import Chunk
+from .read.rows import check_range
 from .read.segments import Segments
 from .read.topics import TopicInfo
-from .rows.columns import check_columns
+from .topic_reader import TopicReader
 
 Row = dict[str, Any]
 
@@ -46,22 +49,28 @@ class Recording:
         ...         print(row["_ts"], row["q"])
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path | Iterable[str | Path]) -> None:
         """Open a recording.
 
         Args:
-            path: A run's folder or one file.
+            path: A run's folder or one file; or several of them, which are read as one recording.
 
         Raises:
             MissingRecordingError: There is none; also a FileNotFoundError.
             DamagedFileError: A file is no MCAP file, or a finished one is broken.
         """
-        self.path = Path(path)
+        given = [path] if isinstance(path, (str, Path)) else list(path)
+        if not given:
+            raise MissingRecordingError(errno.ENOENT, "an empty list of files is no recording", "")
+        paths = [Path(one) for one in given]
+        self.path = paths[0]
+        """What was opened; of several, the first."""
         self._closed = False
         self._infos: dict[str, TopicInfo] = {}
-        if self.path.is_dir():
-            _fold_in_leftovers(self.path)
-        self._segments = Segments(self.path)
+        for one in paths:
+            if one.is_dir():
+                _fold_in_leftovers(one)
+        self._segments = Segments(paths)
 
     @property
     def segments(self) -> list[Path]:
@@ -81,7 +90,7 @@ class Recording:
         """
         if topic not in self:
             raise not_found("topic", topic, self._topic_names())
-        return TopicReader(self, topic)
+        return TopicReader(_View(self._opened, self._info), topic)
 
     def __contains__(self, topic: object) -> bool:
         """Whether there is such a topic."""
@@ -96,11 +105,7 @@ class Recording:
         format: str = "json",
     ) -> Any:
         """Return a topic's rows like `TopicReader.read`; without any rows if there is no such topic."""
-        render = FORMATS.get(format)
-        if render is None:
-            raise FormatError(f"Unsupported format: {format}. The formats are {', '.join(sorted(FORMATS))}")
-        low, high = rows.check_range(start_timestamp, end_timestamp)
-        return render(Selection(self._opened(), topic, low, high, check_columns(columns)))
+        return topic_reader.read(self._opened(), topic, start_timestamp, end_timestamp, columns, format)
 
     def refresh(self) -> bool:
         """Take in what was written since; costs as much as there is new.
@@ -117,13 +122,13 @@ class Recording:
     @property
     def start(self) -> float | None:
         """Time of the first message on any topic, in s; None without messages."""
-        times = [chunk.start_ns for chunk in self._chunks()]
+        times = [start_ns for start_ns, _ in self._spans()]
         return clock.to_seconds(min(times)) if times else None
 
     @property
     def end(self) -> float | None:
         """Time of the last message on any topic, in s; None without messages."""
-        times = [chunk.end_ns for chunk in self._chunks()]
+        times = [end_ns for _, end_ns in self._spans()]
         return clock.to_seconds(max(times)) if times else None
 
     @property
@@ -171,6 +176,47 @@ class Recording:
         """What was said about the files that were saved with the run, in time order."""
         return list(rows.read(self._opened(), FILE_TOPIC))
 
+    def export(
+        self,
+        dest: str | Path,
+        *,
+        format: str,
+        topics: Iterable[str] | None = None,
+        start: float | None = None,
+        end: float | None = None,
+        progress: Progress | None = None,
+        **options: Any,
+    ) -> Path:
+        """Write topics in another format. The result appears when it is whole; until then nothing is at `dest`.
+
+        Args:
+            dest: Where to; nothing may be there yet.
+            format: "parquet", "csv", "jsonl" or "dreamlake"; the guides say what each writes.
+            topics: Names; None for all that hold rows of a robot.
+            start: First time stamp, in s; None for the beginning.
+            end: Last time stamp, included, in s; None for the end.
+            progress: Called now and then with the rows done and the rows in all.
+            options: Of the format.
+
+        Returns:
+            `dest`.
+
+        Raises:
+            DestinationExistsError: Something is at `dest`; also a FileExistsError.
+            NotFoundError: There is no such topic; also a KeyError.
+            FormatError: There is no such format; also a ValueError.
+            UsageError: The format has no such option; also a TypeError.
+            RangeError: The range's start lies after its end; also a ValueError.
+        """
+        low, high = check_range(start, end)
+        names = self._topic_names() if topics is None else list(dict.fromkeys(topics))
+        for name in names:
+            if name not in self:
+                raise not_found("topic", name, self._topic_names())
+        about = {**self.run, "params": self.params}
+        chosen = Lookup("topic", names, self._info)
+        return export(Job(Path(dest), self._opened(), chosen, low, high, about, progress), format, options)
+
     def close(self) -> None:
         """Close the files. May be called twice."""
         self._closed = True
@@ -190,13 +236,20 @@ class Recording:
             raise StateError(f"the recording {str(self.path)!r} is closed; open it again to read")
         return self._segments.files
 
-    def _chunks(self) -> list[Chunk]:
-        """Return the chunks with messages in them (the times of others mean nothing)."""
-        chunks = [chunk for file in self._opened() for chunk in file.index.chunks]
-        return [chunk for chunk in chunks if chunk.counts != {} and chunk.uncompressed_size]
+    def _spans(self) -> list[tuple[int, int]]:
+        """Return the first and last log time, in ns, of each file's messages, or of each chunk's."""
+        spans: list[tuple[int, int]] = []
+        for file in self._opened():
+            said = file.glance.statistics
+            if said is None:
+                chunks = file.index.chunks
+                spans += [(one.start_ns, one.end_ns) for one in chunks if one.counts != {} and one.uncompressed_size]
+            elif said.message_count:
+                spans.append((said.start_ns, said.end_ns))
+        return spans
 
     def _channel_names(self) -> set[str]:
-        return {channel.topic for file in self._opened() for channel in file.index.channels.values()}
+        return {channel.topic for file in self._opened() for channel in file.glance.channels.values()}
 
     def _topic_names(self) -> list[str]:
         return sorted(name for name in self._channel_names() if not name.startswith(OWN_TOPICS))
@@ -210,74 +263,19 @@ class Recording:
     def _merged(self, name: str) -> dict[str, str]:
         merged: dict[str, str] = {}
         for file in self._opened():
-            if any(entry.name == name for entry in file.index.metadata):
+            if any(entry.name == name for entry in file.glance.metadata):
                 for record in file.metadata():
                     if record.name == name:
                         merged.update(record.values)
         return merged
 
 
-class TopicReader:
-    """Reads one topic of a recording."""
+@dataclass(frozen=True, slots=True)
+class _View:
+    """What a topic's reader knows of its recording."""
 
-    def __init__(self, recording: Recording, topic: str) -> None:
-        """Made by `recording[topic]`."""
-        self._recording = recording
-        self.name = topic
-
-    @property
-    def info(self) -> TopicInfo:
-        """Count, times, fields and what else is known without reading the rows."""
-        return self._recording._info(self.name)
-
-    def read(
-        self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-        format: str = "json",
-    ) -> Any:
-        """Return rows in one of the formats; nested dicts become dotted names.
-
-        Args:
-            start_timestamp: First time stamp, in s; None for the beginning.
-            end_timestamp: Last time stamp, included, in s; None for the end.
-            columns: Dotted names; that of a nested dict takes all of it. None and [] mean all.
-            format: "json" (dict with `entries` and `count`), "jsonl" (bytes), "parquet" (bytes), "mocap" (dict) or
-                "mcap" (bytes).
-
-        Raises:
-            FormatError: The format is none of these; also a ValueError.
-            RangeError: The range's start lies after its end, or is not a number; also a ValueError.
-
-        Example:
-            >>> rec["robot"].read(end_timestamp=0.0, columns=["q"])
-            {'entries': [{'timestamp': 0.0, 'q': [0.1, 0.2]}], 'count': 1}
-        """
-        return self._recording.read(self.name, start_timestamp, end_timestamp, columns, format)
-
-    def rows(
-        self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-    ) -> Iterator[Row]:
-        """Yield rows in time order as they were given, nested dicts as dicts, each with its time stamp as `_ts`.
-
-        Reads on as it goes: memory holds a chunk or two, not the topic. The arguments are those of `read`.
-        """
-        low, high = rows.check_range(start_timestamp, end_timestamp)
-        return Selection(self._recording._opened(), self.name, low, high, check_columns(columns)).rows()
-
-    def __iter__(self) -> Iterator[Row]:
-        return self.rows()
-
-    def __len__(self) -> int:
-        """How many rows it has after merging."""
-        return self.info.count
-
-    def __repr__(self) -> str:
-        return f"TopicReader({self.name!r} of {str(self._recording.path)!r})"
+    files: Callable[[], Sequence[File]]
+    info: Callable[[str], TopicInfo]
 
 
 def _fold_in_leftovers(folder: Path) -> None:

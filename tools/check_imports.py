@@ -19,15 +19,18 @@ FLOORS: list[set[str]] = [
     {"rows"},
     {"write", "read"},
     {"recovery", "export"},
-    {"topic", "recording"},
-    {"recorder"},
+    {"topic", "topic_reader"},
+    {"recorder", "recording"},
     {"run"},
     {"experiment", "session"},
 ]
 """Rooms by floor, the lowest first; a room imports from lower floors only."""
 
 HEAVY = {
-    "pyarrow": {"rows.table", "export.parquet"},
+    "pyarrow": {
+        *("rows.table", "rows.lines", "rows.arrays", "rows.batches"),
+        *("read.columns", "export.parquet", "topic_reader"),
+    },
     "rosbags": set[str](),
     "google": set[str](),
     "mcap_protobuf": set[str](),

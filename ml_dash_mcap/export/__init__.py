@@ -1,11 +1,16 @@
-"""Rows in the formats of others: one module each, and a table of them."""
+"""Rows in the formats of others: one module each, and two tables of them."""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
+from ..errors import FormatError, UsageError
 from . import json_rows, jsonl, mcap, mocap, parquet
+from .job import Job
 from .selection import Selection
 
 FORMATS: Mapping[str, Callable[[Selection], Any]] = {
@@ -17,4 +22,32 @@ FORMATS: Mapping[str, Callable[[Selection], Any]] = {
 }
 """What `read(format=...)` takes, to what makes it of a selection."""
 
-__all__ = ["FORMATS", "Selection"]
+EXPORTERS: Mapping[str, str] = {
+    "parquet": "parquet_files",
+    "csv": "csv_files",
+    "jsonl": "jsonl_files",
+    "dreamlake": "dreamlake",
+}
+"""What `Recording.export(format=...)` takes, to the module here whose `export(job, **options)` does it."""
+
+
+def export(job: Job, format: str, options: Mapping[str, Any]) -> Path:
+    """Write a recording in another format; returns where the result is.
+
+    Raises:
+        FormatError: There is no such format.
+        UsageError: The format has no such option.
+    """
+    module = EXPORTERS.get(format)
+    if module is None:
+        raise FormatError(f"export() knows no format {format!r}; the formats are {', '.join(sorted(EXPORTERS))}")
+    write = import_module(f".{module}", __name__).export
+    known = [name for name, one in inspect.signature(write).parameters.items() if one.kind is one.KEYWORD_ONLY]
+    for name in options:
+        if name not in known:
+            raise UsageError(f"export(format={format!r}) has no option {name!r}; it has {', '.join(known) or 'none'}")
+    result: Path = write(job, **options)
+    return result
+
+
+__all__ = ["EXPORTERS", "FORMATS", "Job", "Selection", "export"]

@@ -17,9 +17,9 @@ def render(selection: Selection) -> bytes:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from ..rows.table import from_rows
+    from ..rows.table import to_table
 
-    table = from_rows(selection.flat_rows(TIME_NAME), time_name=TIME_NAME, topic=selection.topic)
+    table = to_table(list(selection.blocks(TIME_NAME)), time_name=TIME_NAME, topic=selection.topic)
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd")
     return cast(bytes, sink.getvalue().to_pybytes())

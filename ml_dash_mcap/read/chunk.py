@@ -32,7 +32,7 @@ _FIXED = MESSAGE_HEAD.itemsize - records.PREFIX_BYTES
 
 @dataclass(frozen=True, slots=True)
 class Messages:
-    """Messages of one channel out of one chunk."""
+    """Messages of one channel out of one chunk, not copied out of it."""
 
     channel_id: int
     times_ns: npt.NDArray[np.uint64]
@@ -40,7 +40,33 @@ class Messages:
     sequences: npt.NDArray[np.uint32]
     offsets: npt.NDArray[np.int64]
     """In the chunk's records: their order is the order of writing."""
-    payloads: list[bytes]
+    ends: npt.NDArray[np.int64]
+    """Where each record ends, in the chunk's records."""
+    data: bytes
+    """The chunk's records."""
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.offsets)
+
+    @property
+    def payloads(self) -> list[bytes]:
+        """The payload of each, copied out."""
+        data = self.data
+        starts = (self.offsets + MESSAGE_HEAD.itemsize).tolist()
+        return [data[start:end] for start, end in zip(starts, self.ends.tolist(), strict=True)]
+
+    def pick(self, which: npt.NDArray[np.intp]) -> Messages:
+        """Return some of them."""
+        return Messages(
+            self.channel_id,
+            self.times_ns[which],
+            self.published_ns[which],
+            self.sequences[which],
+            self.offsets[which],
+            self.ends[which],
+            self.data,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,14 +217,14 @@ def gather(data: bytes, index: MessageIndex, chunk: Chunk, path: str) -> Message
     sound &= ends <= len(data)
     if not sound.all():
         raise DamagedFileError(path, chunk.offset, "a message index that contradicts its chunk")
-    payload_starts = (starts + MESSAGE_HEAD.itemsize).tolist()
     return Messages(
         channel_id=index.channel_id,
         times_ns=index.times_ns,
         published_ns=heads["published"].astype(np.uint64),
         sequences=heads["sequence"].astype(np.uint32),
         offsets=starts,
-        payloads=[data[start:end] for start, end in zip(payload_starts, ends.tolist(), strict=True)],
+        ends=ends,
+        data=data,
     )
 
 

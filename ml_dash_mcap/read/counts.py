@@ -14,7 +14,7 @@ from . import chunk as chunks
 from . import plan, rows
 from .decode import decoder
 from .file import File
-from .messages import TOLERANCE_NS
+from .ordering import TOLERANCE_NS
 from .plan import Located
 from .records import Channel, MessageIndex
 
@@ -60,10 +60,10 @@ def _duplicates(files: Sequence[File], topic: str) -> int:
             doubtful.update((reach.rank, one.rank))
         if reach is None or one.chunk.end_ns > reach.chunk.end_ns:
             reach = one
-    times = [_times(files[one.file], topic, one) for one in located if one.rank in doubtful]
-    if not times:
+    found = [times_in(files[one.file], topic, one) for one in located if one.rank in doubtful]
+    if not found:
         return 0
-    shared, counts = np.unique(np.concatenate(times), return_counts=True)
+    shared, counts = np.unique(np.concatenate(found), return_counts=True)
     surely = (counts > 1) & (shared >= np.uint64(_DISTINCT_FROM_NS))
     duplicates = int((counts[surely] - 1).sum())
     perhaps = shared[(counts > 1) & ~surely]
@@ -100,7 +100,38 @@ def _located(files: Sequence[File], topic: str) -> list[Located]:
     return plan.chunks(indexes, [index.channels_of(topic) for index in indexes], 0, rows.LAST_NS)
 
 
-def _times(file: File, topic: str, located: Located) -> npt.NDArray[np.uint64]:
+def payload_bytes(files: Sequence[File], topic: str) -> int:
+    """Return how many bytes a topic's messages take, uncompressed, by where all messages of its chunks start."""
+    total = 0
+    for one in _located(files, topic):
+        file, chunk = files[one.file], one.chunk
+        index = file.index
+        if chunk.indexed:
+            found = {id_: file.message_index(chunk, id_).offsets for id_ in chunk.message_index_offsets}
+        else:
+            scanned = chunks.scan(file.unpack(chunk), chunk, file.source.name).indexes
+            found = {id_: entry.offsets for id_, entry in scanned.items()}
+        starts = np.sort(np.concatenate(list(found.values())))
+        ends = np.append(starts[1:], np.uint64(chunk.uncompressed_size))
+        for id_ in index.channels_of(topic):
+            if id_ in found:
+                places = np.searchsorted(starts, found[id_])
+                total += int((ends[places] - starts[places]).sum()) - len(places) * chunks.MESSAGE_HEAD.itemsize
+    return total
+
+
+def times(files: Sequence[File], topic: str, start_ns: int, end_ns: int) -> npt.NDArray[np.uint64]:
+    """Return the log times of a topic's messages in [start_ns, end_ns], in no order, [N], in ns."""
+    indexes = [file.index for file in files]
+    located = plan.chunks(indexes, [index.channels_of(topic) for index in indexes], start_ns, end_ns)
+    found = [times_in(files[one.file], topic, one) for one in located]
+    all_times: npt.NDArray[np.uint64] = np.concatenate(found) if found else np.empty(0, np.uint64)
+    wanted: npt.NDArray[np.bool_] = (all_times >= np.uint64(start_ns)) & (all_times <= np.uint64(max(end_ns, 0)))
+    return all_times[wanted]
+
+
+def times_in(file: File, topic: str, located: Located) -> npt.NDArray[np.uint64]:
+    """Return the log times of a topic's messages in one chunk, in ns."""
     ids = file.index.channels_of(topic)
     found = [file.message_index(located.chunk, channel_id).times_ns for channel_id in ids]
     return np.concatenate(found) if found else np.empty(0, np.uint64)
@@ -113,18 +144,18 @@ def time_range(files: Sequence[File], topic: str) -> tuple[float | None, float |
     for one in located:
         if first is not None and one.chunk.start_ns > first:
             break
-        times = _times(files[one.file], topic, one)
-        if len(times):
-            first = int(times.min()) if first is None else min(first, int(times.min()))
+        found = times_in(files[one.file], topic, one)
+        if len(found):
+            first = int(found.min()) if first is None else min(first, int(found.min()))
     if first is None:
         return None, None
     last = first
     for one in sorted(located, key=lambda one: one.chunk.end_ns, reverse=True):
         if one.chunk.end_ns < last:
             break
-        times = _times(files[one.file], topic, one)
-        if len(times):
-            last = max(last, int(times.max()))
+        found = times_in(files[one.file], topic, one)
+        if len(found):
+            last = max(last, int(found.max()))
     return _time_at(files, topic, first, min), _time_at(files, topic, last, max)
 
 

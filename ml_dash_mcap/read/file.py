@@ -11,7 +11,7 @@ from ..layout import ACTIVE_SUFFIX
 from . import chunk as chunks
 from . import index, limits, records, summary, walk
 from .fields import Bytes, Fields
-from .index import FileIndex
+from .index import FileIndex, Glance
 from .records import Chunk, Header, MessageIndex, Opcode
 from .source import LocalFile, Source
 
@@ -33,18 +33,48 @@ class File:
             DamagedFileError: It is no MCAP file, or a finished one that is broken.
         """
         self.path = path
-        self.source: Source = LocalFile(path)
+        is_new = path.name.endswith(ACTIVE_SUFFIX)
+        self.source: Source = LocalFile(path, stays_open=is_new)
         self.limits = limits_
         self._metadata: dict[int, records.Metadata] = {}
         self._unpacked_lock = threading.Lock()
         """Guards `_unpacked`."""
         self._unpacked: OrderedDict[int, bytes] = OrderedDict()
         self._size = self.source.size()
+        self._loading_lock = threading.Lock()
+        """Guards the loading of `_index`."""
+        self._index: FileIndex | None = None
+        self._glance: Glance | None = None
         try:
-            self.index: FileIndex = load(self.source, limits_, is_new=path.name.endswith(ACTIVE_SUFFIX))
+            self._open(is_new=is_new)
         except BaseException:
             self.source.close()
             raise
+
+    def _open(self, *, is_new: bool) -> None:
+        started = _start(self.source, self._size, is_new)
+        found = None if started is None else summary.footer(self.source, self._size)
+        if started is not None and found is not None:
+            self._glance = summary.glance(self.source, self._size, started[0], found)
+        if self._glance is None:
+            self._index = load(self.source, self.limits, is_new=is_new)
+
+    @property
+    def index(self) -> FileIndex:
+        """What the file holds, and where; of a long file, read when it is first asked for.
+
+        Raises:
+            DamagedFileError: Its summary and its data section are broken.
+        """
+        with self._loading_lock:
+            if self._index is None:
+                self._index = load(self.source, self.limits)
+            return self._index
+
+    @property
+    def glance(self) -> Glance:
+        """What is known of it without looking up its chunks."""
+        return self._glance if self._index is None and self._glance is not None else self.index.glance()
 
     def refresh(self, path: Path | None = None) -> bool:
         """Take in what was written since.
@@ -57,17 +87,19 @@ class File:
         """
         if path is not None:
             self.path = path
+        before = self._index
+        if before is None or before.finished:
+            return False
         size = self.source.size()
-        if self.index.finished or size == self._size:
+        if size == self._size:
             return False
         self._size = size
-        before = self.index
         fresh = load(self.source, self.limits, is_new=before.end == 0, previous=before)
         if fresh.end < before.end or fresh.finished:
             self._metadata.clear()  # a recovery may have rewritten the file
             with self._unpacked_lock:
                 self._unpacked.clear()
-        self.index = fresh
+        self._index = fresh
         return fresh.end != before.end or fresh.finished
 
     def is_at(self, path: Path) -> bool:
@@ -76,7 +108,7 @@ class File:
 
     def metadata(self) -> list[records.Metadata]:
         """Return all metadata records, in the order of the file. Each is read once."""
-        return [self._read_metadata(entry) for entry in self.index.metadata]
+        return [self._read_metadata(entry) for entry in self.glance.metadata]
 
     def unpack(self, chunk: Chunk, record: Bytes | None = None) -> bytes:
         """Return a chunk's records, uncompressed and checked; the last few are kept.

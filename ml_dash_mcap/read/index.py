@@ -9,6 +9,18 @@ from .records import AttachmentEntry, Channel, Chunk, Header, MetadataEntry, Sch
 
 
 @dataclass(frozen=True, slots=True)
+class Glance:
+    """What is known of a file before its chunks are looked up."""
+
+    header: Header
+    schemas: Mapping[int, Schema]
+    channels: Mapping[int, Channel]
+    metadata: tuple[MetadataEntry, ...]
+    attachments: tuple[AttachmentEntry, ...]
+    statistics: Statistics | None
+
+
+@dataclass(frozen=True, slots=True)
 class FileIndex:
     """A table of contents: from a finished file's summary, or from walking over its records."""
 
@@ -29,6 +41,10 @@ class FileIndex:
     damage: str | None = None
     """What was found broken and is left out, in words."""
     statistics: Statistics | None = None
+
+    def glance(self) -> Glance:
+        """Return what is in it besides the chunks."""
+        return Glance(self.header, self.schemas, self.channels, self.metadata, self.attachments, self.statistics)
 
     def channels_of(self, topic: str) -> dict[int, Channel]:
         """Return a topic's channels (our own files have one, others may have several)."""

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from . import ahead, ordering, plan
 from . import chunk as chunks
-from . import plan, records
 from .chunk import Messages
 from .file import File
 from .plan import Located
-from .records import Channel
-
-TOLERANCE_NS = 4096
-"""How far a row's double and its log time may be apart, in ns (doubles at the end of MCAP's time are 3815 ns apart)."""
+from .records import Channel, Chunk
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +23,31 @@ class Origin:
 
     file: File
     channel: Channel
-    chunk_offset: int
+    chunk: Chunk
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """Messages of one channel, as they were cut out of one chunk."""
+
+    messages: Messages
+    rank: int
+    """Of their chunk in the order of writing."""
+    origin: Origin
+
+    @property
+    def times_ns(self) -> npt.NDArray[np.uint64]:
+        """Their log times."""
+        return self.messages.times_ns
+
+    @property
+    def written(self) -> npt.NDArray[np.int64]:
+        """Numbers that grow in the order of writing, over all chunks and files."""
+        return (self.rank << 32) + self.messages.offsets
+
+    def pick(self, which: npt.NDArray[np.intp]) -> Cut:
+        """Return some of them."""
+        return Cut(self.messages.pick(which), self.rank, self.origin)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,17 +63,25 @@ class Batch:
     """For each message, which of `origins`."""
 
 
+Work = TypeVar("Work")
+
+
 @dataclass(frozen=True, slots=True)
-class _Part:
-    messages: Messages
-    rank: int
-    origin: Origin
+class _Job:
+    """A chunk whose bytes have been read."""
+
+    file: File
+    channels: Sequence[Channel]
+    located: Located
+    record: memoryview
+    """From the chunk's start to the end of its message indexes."""
 
 
 def read(files: Sequence[File], topic: str, start_ns: int, end_ns: int) -> Iterator[Batch]:
     """Read a topic's messages with log times in [start_ns, end_ns].
 
-    Messages of one log time are always in one batch. Memory holds the chunks that overlap in time, not the topic.
+    Messages of one log time are always in one batch. Memory holds the chunks that overlap in time and a few that are
+    unpacked ahead, not the topic.
 
     Args:
         files: In the order of writing.
@@ -59,83 +89,71 @@ def read(files: Sequence[File], topic: str, start_ns: int, end_ns: int) -> Itera
         start_ns: First log time, in ns.
         end_ns: Last log time, included, in ns.
     """
+    for cuts in ordering.in_time(cut(files, topic, start_ns, end_ns, lambda found: found)):
+        yield merge(cuts)
+
+
+def cut(
+    files: Sequence[File], topic: str, start_ns: int, end_ns: int, work: Callable[[Cut], Work]
+) -> Iterator[tuple[int, list[Work]]]:
+    """Cut a topic's messages out of each chunk that holds some, by the chunks' start times.
+
+    Args:
+        files: In the order of writing.
+        topic: Its name.
+        start_ns: First log time, in ns.
+        end_ns: Last log time, included, in ns.
+        work: What to make of the messages of a channel and chunk; called on several threads.
+
+    Yields:
+        The chunk's first log time, and what `work` made.
+    """
     indexes = [file.index for file in files]
     channels = [index.channels_of(topic) for index in indexes]
-    pending: list[_Part] = []
-    for span in plan.spans(indexes, channels, start_ns, end_ns):
-        file = files[span.file]
-        data = memoryview(file.source.read(span.offset, span.length))
-        for located in span.chunks:
-            ready, pending = _split(pending, located.chunk.start_ns - TOLERANCE_NS)
-            if ready:
-                yield _merge(ready)
-            for channel in channels[span.file].values():
-                pending += _cut_out(file, channel, located, data, span.offset, start_ns, end_ns)
-    if pending:
-        yield _merge(pending)
+
+    def jobs() -> Iterator[_Job]:
+        for span in plan.spans(indexes, channels, start_ns, end_ns):
+            file = files[span.file]
+            data = memoryview(file.source.read(span.offset, span.length))
+            for located in span.chunks:
+                start = located.chunk.offset - span.offset
+                record = data[start : located.end - span.offset]
+                yield _Job(file, list(channels[span.file].values()), located, record)
+
+    def do(job: _Job) -> tuple[int, list[Work]]:
+        return job.located.chunk.start_ns, [work(found) for found in _cut_out(job, start_ns, end_ns)]
+
+    return ahead.in_order(do, jobs())
 
 
-def _cut_out(
-    file: File, channel: Channel, located: Located, data: memoryview, at: int, start_ns: int, end_ns: int
-) -> list[_Part]:
-    chunk = located.chunk
-    if chunk.indexed and channel.id not in chunk.message_index_offsets:
-        return []
-    record = data[chunk.offset - at : chunk.end - at]
-    unpacked = file.unpack(chunk, record)
-    index = (
-        file.message_index(chunk, channel.id, data, at) if chunk.indexed else _scanned(file, channel, located, unpacked)
-    )
-    index = chunks.within(index, start_ns, end_ns)
-    if not len(index.offsets):
-        return []
-    messages = chunks.gather(unpacked, index, chunk, file.source.name)
-    return [_Part(messages, located.rank, Origin(file, channel, chunk.offset))]
-
-
-def _scanned(file: File, channel: Channel, located: Located, unpacked: bytes) -> records.MessageIndex:
-    found = chunks.scan(unpacked, located.chunk, file.source.name).indexes.get(channel.id)
-    return found if found is not None else chunks.no_messages(channel.id)
-
-
-def _split(parts: list[_Part], watermark_ns: int) -> tuple[list[_Part], list[_Part]]:
-    """Divide into what lies before the watermark, and can go out, and what has to wait for later chunks."""
-    ready: list[_Part] = []
-    waiting: list[_Part] = []
-    for part in parts:
-        times = part.messages.times_ns
-        if int(times.max()) < watermark_ns:
-            ready.append(part)
-        elif watermark_ns <= 0 or int(times.min()) >= watermark_ns:
-            waiting.append(part)
+def _cut_out(job: _Job, start_ns: int, end_ns: int) -> Iterator[Cut]:
+    file, chunk = job.file, job.located.chunk
+    channels = [one for one in job.channels if not chunk.indexed or one.id in chunk.message_index_offsets]
+    if not channels:
+        return
+    unpacked = file.unpack(chunk, job.record[: chunk.length])
+    scanned = None if chunk.indexed else chunks.scan(unpacked, chunk, file.source.name).indexes
+    for channel in channels:
+        if scanned is None:
+            index = file.message_index(chunk, channel.id, job.record, chunk.offset)
         else:
-            early = times < np.uint64(watermark_ns)
-            ready.append(_Part(_pick(part.messages, np.flatnonzero(early)), part.rank, part.origin))
-            waiting.append(_Part(_pick(part.messages, np.flatnonzero(~early)), part.rank, part.origin))
-    return ready, waiting
+            index = scanned.get(channel.id) or chunks.no_messages(channel.id)
+        index = chunks.within(index, start_ns, end_ns)
+        if len(index.offsets):
+            messages = chunks.gather(unpacked, index, chunk, file.source.name)
+            yield Cut(messages, job.located.rank, Origin(file, channel, chunk))
 
 
-def _pick(messages: Messages, which: npt.NDArray[np.intp]) -> Messages:
-    payloads = messages.payloads
-    return Messages(
-        channel_id=messages.channel_id,
-        times_ns=messages.times_ns[which],
-        published_ns=messages.published_ns[which],
-        sequences=messages.sequences[which],
-        offsets=messages.offsets[which],
-        payloads=[payloads[i] for i in which.tolist()],
-    )
-
-
-def _merge(parts: list[_Part]) -> Batch:
-    times = np.concatenate([part.messages.times_ns for part in parts])
-    written = np.concatenate([(part.rank << 32) + part.messages.offsets for part in parts])
-    origin_of = np.repeat(np.arange(len(parts)), [len(part.messages.payloads) for part in parts])
-    published = np.concatenate([part.messages.published_ns for part in parts])
-    sequences = np.concatenate([part.messages.sequences for part in parts])
-    payloads = [payload for part in parts for payload in part.messages.payloads]
-    origins = [part.origin for part in parts]
-    if _is_in_order(times, written):
+def merge(cuts: Sequence[Cut]) -> Batch:
+    """Bring the messages of several chunks into time order."""
+    times = np.concatenate([one.times_ns for one in cuts])
+    written = np.concatenate([one.written for one in cuts])
+    origin_of = np.repeat(np.arange(len(cuts)), [len(one.messages) for one in cuts])
+    published = np.concatenate([one.messages.published_ns for one in cuts])
+    sequences = np.concatenate([one.messages.sequences for one in cuts])
+    payloads = [payload for one in cuts for payload in one.messages.payloads]
+    origins = [one.origin for one in cuts]
+    if ordering.is_in_order(times, written):
         return Batch(times, published, sequences, payloads, origins, origin_of)
     order = np.lexsort((written, times))
     return Batch(
@@ -146,8 +164,3 @@ def _merge(parts: list[_Part]) -> Batch:
         origins,
         origin_of[order],
     )
-
-
-def _is_in_order(times: npt.NDArray[np.uint64], written: npt.NDArray[np.int64]) -> bool:
-    earlier, later = times[:-1], times[1:]
-    return bool(np.all((earlier < later) | ((earlier == later) & (written[:-1] < written[1:]))))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
+import numpy.typing as npt
 
 from .. import clock
 from ..errors import DamagedFileError, RangeError
@@ -16,7 +17,8 @@ from ..rows.merge import merge
 from . import messages
 from .decode import Decoder, Row, decoder
 from .file import File
-from .messages import TOLERANCE_NS, Batch, Origin
+from .messages import Batch, Origin
+from .ordering import TOLERANCE_NS
 
 LAST_NS = 2**64 - 1
 """The last time that MCAP can say, in ns."""
@@ -45,6 +47,17 @@ def _bound(name: str, value: Any, default: float) -> float:
     if math.isnan(bound):
         raise RangeError(f"{name} is NaN; leave it out for an open range")
     return bound
+
+
+def check_index(name: str, value: Any) -> int:
+    """Return a row number or a number of rows.
+
+    Raises:
+        RangeError: It is negative or no integer.
+    """
+    if isinstance(value, bool) or not isinstance(value, SupportsIndex) or value.__index__() < 0:
+        raise RangeError(f"{name}={value!r}: it must be an integer, 0 or more")
+    return value.__index__()
 
 
 def to_ns_range(low: float, high: float) -> tuple[int, int]:
@@ -79,15 +92,44 @@ def read(files: Sequence[File], topic: str, low: float = -math.inf, high: float 
 
 
 def _decode(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterator[Row]:
-    by_origin = [_decoder(origin, decoders) for origin in batch.origins]
-    for payload, time_ns, which in zip(batch.payloads, batch.times_ns.tolist(), batch.origin_of.tolist(), strict=True):
+    origins = batch.origins
+    if len(origins) == 1:
+        yield from decode(origins[0], batch.payloads, batch.times_ns, decoders)
+        return
+    edges = np.flatnonzero(np.diff(batch.origin_of)) + 1
+    start = 0
+    for end in (*edges.tolist(), len(batch.payloads)):
+        origin = origins[int(batch.origin_of[start])]
+        yield from decode(origin, batch.payloads[start:end], batch.times_ns[start:end], decoders)
+        start = end
+
+
+def decode(
+    origin: Origin, payloads: list[bytes], times_ns: npt.NDArray[np.uint64], decoders: dict[tuple[str, int], Decoder]
+) -> Iterator[Row]:
+    """Turn messages into rows, each with its time stamp as `_ts`.
+
+    Args:
+        origin: Where they came from.
+        payloads: Of the messages.
+        times_ns: Their log times, [N].
+        decoders: Of the channels met so far; gets new ones.
+
+    Raises:
+        DamagedFileError: A payload is not in the encoding that its channel announces.
+        EncodingError: Nothing here decodes that encoding.
+    """
+    key = key_of(origin)
+    decode_one = decoders.get(key)
+    if decode_one is None:
+        decode_one = decoders[key] = decoder(origin.channel, origin.file.index.schema_of(origin.channel))
+    for payload, time_ns in zip(payloads, times_ns.tolist(), strict=True):
         try:
-            row = by_origin[which](payload)
+            row = decode_one(payload)
         except (ValueError, RecursionError) as error:
-            origin = batch.origins[which]
             raise DamagedFileError(
                 origin.file.source.name,
-                origin.chunk_offset,
+                origin.chunk.offset,
                 f"a message of topic {origin.channel.topic!r} at {time_ns} ns in the chunk here is not"
                 f" {origin.channel.message_encoding}: {error}",
             ) from error
@@ -97,12 +139,9 @@ def _decode(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterator[
         yield row
 
 
-def _decoder(origin: Origin, decoders: dict[tuple[str, int], Decoder]) -> Decoder:
-    key = (origin.file.source.name, origin.channel.id)
-    known = decoders.get(key)
-    if known is None:
-        known = decoders[key] = decoder(origin.channel, origin.file.index.schema_of(origin.channel))
-    return known
+def key_of(origin: Origin) -> tuple[str, int]:
+    """Return what tells a channel from all others of a recording."""
+    return origin.file.source.name, origin.channel.id
 
 
 def _set_time(row: Row, time: Any, time_ns: int) -> None:
@@ -137,6 +176,14 @@ def _merge_group(rows: list[Row], merges: list[bool]) -> list[Row]:
             apart.append((row[TIME_KEY], [row]))
     groups = sorted([*by_time.items(), *apart], key=lambda group: group[0])
     return [group[0] if len(group) == 1 else _time_last(merge(group)) for _, group in groups]
+
+
+def merge_same(rows: Iterable[Row]) -> list[Row]:
+    """Merge the rows of each time stamp into one, in the order of their first ones; later ones win."""
+    groups: dict[float, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(row[TIME_KEY], []).append(row)
+    return [_time_last(merge(group)) for group in groups.values()]
 
 
 def _time_last(row: Row) -> Row:

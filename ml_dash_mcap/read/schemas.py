@@ -8,8 +8,10 @@ from typing import Any
 import orjson
 
 from ..rows.encode import TIME_KEY
+from . import shapes
 from .file import File
 from .records import Channel
+from .shapes import Field
 
 
 def read(channels: Iterable[tuple[File, Channel]]) -> dict[str, Any]:
@@ -28,12 +30,12 @@ def read(channels: Iterable[tuple[File, Channel]]) -> dict[str, Any]:
     return merged
 
 
-def field_types(schema: Mapping[str, Any]) -> dict[str, str]:
-    """Return the dotted names and types of a JSON Schema's fields, without the time stamp."""
-    return {name: type_ for name, type_ in _walk_fields(schema, "") if name != TIME_KEY}
+def fields(schema: Mapping[str, Any]) -> dict[str, Field]:
+    """Return the fields of a JSON Schema by dotted name, without the time stamp."""
+    return {name: field for name, field in _walk_fields(schema, "") if name != TIME_KEY}
 
 
-def _walk_fields(schema: Mapping[str, Any], parent: str) -> Iterable[tuple[str, str]]:
+def _walk_fields(schema: Mapping[str, Any], parent: str) -> Iterable[tuple[str, Field]]:
     properties = schema.get("properties")
     for name, inner in properties.items() if isinstance(properties, dict) else ():
         if not isinstance(inner, dict):
@@ -42,17 +44,7 @@ def _walk_fields(schema: Mapping[str, Any], parent: str) -> Iterable[tuple[str, 
         if inner.get("type") == "object" and inner.get("properties"):
             yield from _walk_fields(inner, dotted + ".")
         else:
-            yield dotted, _type_text(inner)
-
-
-def _type_text(schema: Mapping[str, Any]) -> str:
-    type_ = schema.get("type")
-    if type_ == "array":
-        items = schema.get("items")
-        return f"{_type_text(items)}[]" if isinstance(items, dict) else "array"
-    if type_ == "string" and schema.get("contentEncoding") == "base64":
-        return "bytes"
-    return type_ if isinstance(type_, str) else "any"
+            yield dotted, shapes.of_schema(inner)
 
 
 def _merge_schemas(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:

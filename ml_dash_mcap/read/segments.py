@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import MissingRecordingError
@@ -11,20 +12,23 @@ from .file import File
 
 
 class Segments:
-    """A run's folder, or one file. Any thread may read its files; one at a time refreshes.
+    """Runs' folders and files. Any thread may read their files; one at a time refreshes.
 
     Attributes:
         files: In the order of writing.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, paths: Sequence[Path]) -> None:
         """Open what is there.
+
+        Args:
+            paths: Of folders and files; no file is opened twice.
 
         Raises:
             MissingRecordingError: Nothing is.
             DamagedFileError: A file is no MCAP file, or a finished one is broken.
         """
-        self._path = path
+        self._paths = list(paths)
         self.files: list[File] = []
         try:
             self.refresh()
@@ -61,10 +65,14 @@ class Segments:
             file.close()
 
     def _present(self) -> list[Path]:
-        finished = _stem(self._path)
-        if finished != self._path and not self._path.exists() and finished.exists():
-            return [finished]  # the one file that was opened has been finished since
-        return folder.segments(self._path)
+        return list(dict.fromkeys(file for path in self._paths for file in _present_at(path)))
+
+
+def _present_at(path: Path) -> list[Path]:
+    finished = _stem(path)
+    if finished != path and not path.exists() and finished.exists():
+        return [finished]  # the one file that was opened has been finished since
+    return folder.segments(path)
 
 
 def _open(path: Path) -> File:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import threading
 import weakref
+from collections import OrderedDict
 from pathlib import Path
 from typing import Protocol
 
@@ -31,13 +33,20 @@ class Source(Protocol):
 class LocalFile:
     """A file on this machine, closed with `close()` or when nobody has it any more. Any thread may read from it.
 
+    Only those that were read last are really open, because a system allows a process some hundreds. One that is not is
+    opened again by its path, and has to be the same file still.
+
     Attributes:
         bytes_read: How much was read so far, in bytes, for the tests that hold us to reading little.
         reads: How many reads that took.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, *, stays_open: bool = False) -> None:
         """Open the file.
+
+        Args:
+            path: Where it is.
+            stays_open: Whether it may be renamed, so that it could not be opened again.
 
         Raises:
             MissingRecordingError: There is no such file.
@@ -47,13 +56,12 @@ class LocalFile:
         self.bytes_read = 0
         self.reads = 0
         self._position_lock = threading.Lock()
-        try:
-            self._descriptor = os.open(self.path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
-        except FileNotFoundError as error:
-            raise MissingRecordingError(error.errno, "no such file", str(path)) from error
-        except OSError as error:
-            raise StorageError(error.errno, f"cannot be opened: {error.strerror}", str(path)) from error
-        self._closing = weakref.finalize(self, os.close, self._descriptor)
+        """Guards the file's position where the system knows no other way to say where to read."""
+        self._is_closed = False
+        self._stays_open = stays_open
+        self._handle: _Handle | None = _Handle(self.path)
+        self._identity = self._handle.identity()
+        _keep(self)
 
     @property
     def name(self) -> str:
@@ -63,22 +71,26 @@ class LocalFile:
     def size(self) -> int:
         """Return how many bytes the file has now."""
         try:
-            return os.fstat(self._descriptor).st_size
+            return os.fstat(self._opened().descriptor).st_size
+        except StorageError:
+            raise
         except OSError as error:
             raise self._error(error) from error
 
     def is_at(self, path: Path) -> bool:
         """Whether a path leads to this very file, which may have been renamed since it was opened."""
         try:
-            return os.path.samestat(os.fstat(self._descriptor), path.stat())
+            found = path.stat()
         except OSError:
             return False
+        return (found.st_dev, found.st_ino) == self._identity
 
     def read(self, offset: int, length: int) -> bytes:
         """Return the bytes of [offset, offset + length); fewer only where the file ends before."""
+        handle = self._opened()
         parts: list[bytes] = []
         while length > 0:
-            part = self._read_once(offset, length)
+            part = self._read_once(handle, offset, length)
             if not part:
                 break
             parts.append(part)
@@ -86,24 +98,83 @@ class LocalFile:
             length -= len(part)
         return parts[0] if len(parts) == 1 else b"".join(parts)
 
-    def _read_once(self, offset: int, length: int) -> bytes:
+    def _read_once(self, handle: _Handle, offset: int, length: int) -> bytes:
         try:
             if hasattr(os, "pread"):
-                part = os.pread(self._descriptor, length, offset)
+                part = os.pread(handle.descriptor, length, offset)
             else:  # Windows
                 with self._position_lock:
-                    os.lseek(self._descriptor, offset, os.SEEK_SET)
-                    part = os.read(self._descriptor, length)
+                    os.lseek(handle.descriptor, offset, os.SEEK_SET)
+                    part = os.read(handle.descriptor, length)
         except OSError as error:
             raise self._error(error) from error
         self.reads += 1
         self.bytes_read += len(part)
         return part
 
+    def _opened(self) -> _Handle:
+        """Return the open file; who has that can read, whatever happens to this object meanwhile."""
+        if self._is_closed:
+            raise StorageError(errno.EBADF, "cannot be read: it was closed", str(self.path))
+        handle = self._handle
+        if handle is None:
+            handle = _Handle(self.path)
+            if handle.identity() != self._identity:
+                raise StorageError(errno.ESTALE, "is another file than when it was opened", str(self.path))
+            self._handle = handle
+        _keep(self)
+        return handle
+
+    def rest(self) -> None:
+        """Close the file until it is read again."""
+        self._handle = None
+
     def _error(self, error: OSError) -> StorageError:
         return StorageError(error.errno, f"cannot be read: {error.strerror}", str(self.path))
 
     def close(self) -> None:
         """Close the file. May be called twice."""
-        self._descriptor = -1  # whatever gets its number next is not ours to read
-        self._closing()
+        self._is_closed = True
+        self._handle = None
+
+
+class _Handle:
+    """An open file, closed when nobody has it any more."""
+
+    __slots__ = ("descriptor",)
+
+    def __init__(self, path: Path) -> None:
+        self.descriptor = -1
+        try:
+            self.descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0))
+        except FileNotFoundError as error:
+            raise MissingRecordingError(error.errno, "no such file", str(path)) from error
+        except OSError as error:
+            raise StorageError(error.errno, f"cannot be opened: {error.strerror}", str(path)) from error
+
+    def identity(self) -> tuple[int, int]:
+        """Return what tells this file from all others, whatever it is called."""
+        status = os.fstat(self.descriptor)
+        return status.st_dev, status.st_ino
+
+    def __del__(self) -> None:
+        if self.descriptor >= 0:
+            os.close(self.descriptor)
+
+
+_OPEN: OrderedDict[int, weakref.ref[LocalFile]] = OrderedDict()
+_MOST_OPEN = 128
+_open_lock = threading.Lock()
+"""Guards `_OPEN`."""
+
+
+def _keep(file: LocalFile) -> None:
+    """Note that a file was used, and close the one whose use is longest ago if there are too many."""
+    if file._stays_open:
+        return
+    with _open_lock:
+        _OPEN.pop(id(file), None)
+        _OPEN[id(file)] = weakref.ref(file)
+        oldest = _OPEN.popitem(last=False)[1]() if len(_OPEN) > _MOST_OPEN else None
+    if oldest is not None:
+        oldest.rest()

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import orjson
 
+from ..errors import DamagedFileError, EncodingError
 from ..layout import TOPIC_RECORD
-from . import counts, schemas
+from ..rows.columns import flatten
+from ..rows.encode import TIME_KEY
+from . import counts, rows, schemas, shapes
 from .file import File
+from .shapes import Field
 
 _DESCRIBING = ("description", "tags", "metadata")
 
@@ -28,16 +33,24 @@ class TopicInfo:
     """Time stamp of the first row, in s; None without rows."""
     end: float | None
     """Time stamp of the last row, in s; None without rows."""
-    fields: Mapping[str, str] = field(default_factory=dict)
-    """Dotted field name to its type as the schema has it: "number", "integer", "string", "boolean", "bytes", and
-    these with "[]" for lists. Fields that the schema cannot express (matrices, mixed types) are not here."""
+    fields: Mapping[str, Field] = field(default_factory=dict)
+    """Dotted field name to its type and shape, as the schema has it, or else as the first row has it."""
     schema: Mapping[str, Any] = field(default_factory=dict)
     """The JSON Schema, merged over all segments; empty for other schema encodings."""
     encoding: str = "json"
     """How its messages are encoded."""
+    schema_name: str = ""
+    """What its messages are called, such as "sensor_msgs/msg/JointState"; the topic's name in our own recordings."""
     description: str | None = None
     tags: tuple[str, ...] = ()
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    measure: Callable[[], int] = field(default=int, repr=False, compare=False)
+    """Returns what `bytes` is."""
+
+    @property
+    def bytes(self) -> int:
+        """How many bytes its messages take, uncompressed. Summed up from the message indexes when asked for."""
+        return self.measure()
 
     @property
     def duration(self) -> float:
@@ -56,7 +69,7 @@ def describe(files: Sequence[File], topic: str) -> tuple[str | None, tuple[str, 
     for _, channel in counts.channels(files, topic):
         said.update({key: text for key, text in channel.metadata.items() if key in _DESCRIBING})
     for file in files:
-        if not any(entry.name == TOPIC_RECORD for entry in file.index.metadata):
+        if not any(entry.name == TOPIC_RECORD for entry in file.glance.metadata):
             continue
         for record in file.metadata():
             if record.name == TOPIC_RECORD and record.values.get("topic") == topic:
@@ -76,19 +89,34 @@ def info(files: Sequence[File], topic: str) -> TopicInfo:
     found = counts.channels(files, topic)
     merged = schemas.read(found)
     start, end = counts.time_range(files, topic)
+    described = found[-1][0].index.schema_of(found[-1][1]) if found else None
     return TopicInfo(
         name=topic,
         kind=counts.kind(files, topic),
         count=counts.count(files, topic),
         start=start,
         end=end,
-        fields=schemas.field_types(merged),
+        fields=_fields(files, topic, merged),
         schema=merged,
         encoding=found[-1][1].message_encoding if found else "json",
+        schema_name=described.name if described is not None else "",
         description=description,
         tags=tags,
         metadata=metadata,
+        measure=functools.cache(lambda: counts.payload_bytes(files, topic)),
     )
+
+
+def _fields(files: Sequence[File], topic: str, schema: Mapping[str, Any]) -> dict[str, Field]:
+    fields = schemas.fields(schema)
+    try:
+        first = next(rows.read(files, topic), None)
+    except (EncodingError, DamagedFileError):  # whoever reads the rows is told
+        return fields
+    for name, value in flatten(first, TIME_KEY).items() if first is not None else ():
+        if name != TIME_KEY and value is not None:
+            fields.setdefault(name, shapes.of_value(value))
+    return fields
 
 
 def _loads(text: str | bytes, default: Any) -> Any:

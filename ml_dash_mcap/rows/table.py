@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import contextlib
+import functools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import chain, islice
 from typing import Any, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
 import orjson
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from .encode import EXACT_KEY, TIME_KEY, exact, restore
 
@@ -39,33 +45,74 @@ def from_rows(rows: Iterable[Row], *, time_name: str = TIME_KEY, topic: str | No
         time_name: The column for the time stamps, a double in seconds; comes first.
         topic: For the table's metadata.
     """
-    parts: dict[str, list[_Part]] = {time_name: []}
-    done = 0
     rows = iter(rows)
+    blocks: list[Block] = []
     while block := list(islice(rows, BLOCK_ROWS)):
-        columns = _collect(block)
-        for name in columns:
-            if name not in parts:
-                parts[name] = [_Part(pa.nulls(done))]
-        for name, column in parts.items():
-            values = columns.get(name)
-            column.append(_Part(pa.nulls(len(block))) if values is None else _part(values))
-        done += len(block)
-    joined = {name: _join(column) for name, column in parts.items()}
-    joined[time_name] = _Part(pa.chunked_array([part.array for part in parts[time_name]], type=pa.float64()))
-    fields = [
-        pa.field(name, part.array.type, name != time_name, {ENCODING_KEY: b"json"} if part.is_text else None)
-        for name, part in joined.items()
-    ]
-    about = {"ml_dash": orjson.dumps({"time": time_name, "topic": topic})}
-    return pa.table([part.array for part in joined.values()], schema=pa.schema(fields, metadata=about))
+        blocks.append(block_of(block))
+    return to_table(blocks, time_name=time_name, topic=topic)
 
 
-class _Part(NamedTuple):
-    """Some rows of a column."""
+class Column(NamedTuple):
+    """One column of some rows."""
 
     array: Any
+    """A pyarrow Array or ChunkedArray."""
     is_text: bool = False
+    """Whether it holds JSON text instead of its values."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Some rows, as columns."""
+
+    count: int
+    columns: dict[str, Column]
+
+    def take(self, which: npt.NDArray[np.intp]) -> Block:
+        """Return some of the rows, in the order given."""
+        indices = pa.array(which)
+        return Block(
+            len(which), {name: Column(one.array.take(indices), one.is_text) for name, one in self.columns.items()}
+        )
+
+    def slice(self, start: int, count: int) -> Block:
+        """Return the rows from a number on, without a copy."""
+        return Block(
+            count, {name: Column(one.array.slice(start, count), one.is_text) for name, one in self.columns.items()}
+        )
+
+
+def block_of(rows: list[Row]) -> Block:
+    """Turn flat rows into columns."""
+    return Block(len(rows), {name: _column(values) for name, values in _collect(rows).items()})
+
+
+def join(blocks: Sequence[Block]) -> Block:
+    """Put blocks behind each other: the columns of all of them, each in the type that holds all its values."""
+    names = dict.fromkeys(name for block in blocks for name in block.columns)
+    joined: dict[str, Column] = {}
+    for name in names:
+        parts = [block.columns.get(name) or Column(pa.nulls(block.count)) for block in blocks]
+        joined[name] = parts[0] if len(parts) == 1 else _join(parts)
+    parents = {name[:at] for name in names for at, letter in enumerate(name) if letter == "."}
+    for name in parents & set(joined):
+        if pa.types.is_null(joined[name].array.type):  # a dict that is None here and there
+            del joined[name]
+    return Block(sum(block.count for block in blocks), joined)
+
+
+def to_table(blocks: Sequence[Block], *, time_name: str = TIME_KEY, topic: str | None = None) -> pa.Table:
+    """Return blocks as one table, the time stamps first; the arguments are those of `from_rows`."""
+    columns = join(blocks).columns
+    times = columns.pop(time_name, Column(pa.chunked_array([], pa.float64())))
+    columns = {name: Column(_tight(one.array), one.is_text) for name, one in columns.items()}
+    columns = {time_name: Column(times.array.cast(pa.float64())), **columns}
+    fields = [
+        pa.field(name, one.array.type, name != time_name, {ENCODING_KEY: b"json"} if one.is_text else None)
+        for name, one in columns.items()
+    ]
+    about = {"ml_dash": orjson.dumps({"time": time_name, "topic": topic})}
+    return pa.table([one.array for one in columns.values()], schema=pa.schema(fields, metadata=about))
 
 
 def _collect(block: list[Row]) -> dict[str, list[Any]]:
@@ -84,26 +131,88 @@ def _collect(block: list[Row]) -> dict[str, list[Any]]:
     return columns
 
 
-def _part(values: list[Any]) -> _Part:
+def _column(values: list[Any]) -> Column:
     type_ = arrow_type(values)
     if type_ is not None:
-        return _Part(pa.array(values, type=type_))
-    return _Part(pa.array([None if value is None else _to_text(value) for value in values], type=pa.string()), True)
+        return Column(pa.array(values, type=type_))
+    return Column(pa.array([None if value is None else _to_text(value) for value in values], type=pa.string()), True)
 
 
-def _join(parts: list[_Part]) -> _Part:
-    """Join a column's parts; where their types differ, from their values, which each part holds without loss."""
-    types = {part.array.type for part in parts if not pa.types.is_null(part.array.type)}
-    has_gap = any(pa.types.is_null(part.array.type) for part in parts) and any(map(pa.types.is_nested, types))
-    if has_gap or len({(part.array.type, part.is_text) for part in parts if part.array.type in types}) > 1:
-        joined = _part([value for part in parts for value in _values(part)])
-        return _Part(pa.chunked_array([joined.array]), joined.is_text)
-    type_ = types.pop() if types else pa.null()
-    arrays = [pa.nulls(len(part.array), type_) if part.array.type != type_ else part.array for part in parts]
-    return _Part(pa.chunked_array(arrays, type=type_), any(part.is_text for part in parts))
+def _join(parts: list[Column]) -> Column:
+    """Join a column's parts; where no type holds the values of all, from the values."""
+    if len({part.is_text for part in parts if not pa.types.is_null(part.array.type)}) <= 1:
+        type_ = functools.reduce(_common, (part.array.type for part in parts), pa.null())
+        if type_ is not None:
+            if pa.types.is_fixed_size_list(type_) and any(pa.types.is_null(part.array.type) for part in parts):
+                type_ = pa.list_(type_.value_type)  # pyarrow before 26 cannot read nulls among those of fixed size
+            with contextlib.suppress(pa.ArrowInvalid):  # an integer that a double would round
+                arrays = [array for part in parts for array in _cast(part.array, type_)]
+                return Column(pa.chunked_array(arrays, type=type_), any(part.is_text for part in parts))
+    whole = _column([value for part in parts for value in _values(part)])
+    return Column(pa.chunked_array([whole.array]), whole.is_text)
 
 
-def _values(part: _Part) -> list[Any]:
+def _cast(array: Any, type_: pa.DataType) -> list[Any]:
+    if pa.types.is_null(array.type):
+        return [pa.nulls(len(array), type_)]
+    if array.type != type_:
+        array = array.cast(type_)
+    return list(array.chunks) if isinstance(array, pa.ChunkedArray) else [array]
+
+
+def _common(first: pa.DataType | None, second: pa.DataType) -> pa.DataType | None:
+    """Return the type that can hold the values of two, or None."""
+    if first is None or first == second or pa.types.is_null(second):
+        return first
+    if pa.types.is_null(first):
+        return second
+    if {first, second} == {pa.int64(), pa.float64()}:
+        return pa.float64()
+    if _is_list(first) and _is_list(second):
+        inner = _common(first.value_type, second.value_type)
+        if inner is None:
+            return None
+        is_fixed = pa.types.is_fixed_size_list(first) and pa.types.is_fixed_size_list(second)
+        return pa.list_(inner, first.list_size) if is_fixed and first.list_size == second.list_size else pa.list_(inner)
+    return None
+
+
+def _tight(array: Any) -> Any:
+    """Give lists their fixed size, where a row that is not here any more had kept them from it."""
+    if not pa.types.is_list(array.type):
+        return array
+    parts = [Column(tight(chunk)) for chunk in (array.chunks if isinstance(array, pa.ChunkedArray) else [array])]
+    return _join(parts).array if parts else array
+
+
+def tight(array: pa.Array) -> pa.Array:
+    """Return the same values with a fixed size for lists of numbers that all have one length, inner lists too."""
+    type_ = array.type
+    if pa.types.is_struct(type_) and type_.num_fields:
+        children = [tight(child) for child in array.flatten()]
+        if [child.type for child in children] == [type_.field(at).type for at in range(type_.num_fields)]:
+            return array
+        names = [type_.field(at).name for at in range(type_.num_fields)]
+        return pa.StructArray.from_arrays(children, names, mask=pc.is_null(array) if array.null_count else None)
+    if not pa.types.is_list(type_):
+        return array
+    inner = tight(array.flatten())
+    lengths = pc.fill_null(pc.list_value_length(array), 0).to_numpy()
+    if (pa.types.is_integer(inner.type) or pa.types.is_floating(inner.type)) and len(inner) and not array.null_count:
+        size = int(lengths[0])
+        if (lengths == size).all():
+            return pa.FixedSizeListArray.from_arrays(inner, size)
+    if inner.type == type_.value_type:
+        return array
+    offsets = pa.array(np.concatenate(([0], np.cumsum(lengths))).astype(np.int32))
+    return pa.ListArray.from_arrays(offsets, inner, mask=pc.is_null(array) if array.null_count else None)
+
+
+def _is_list(type_: pa.DataType) -> bool:
+    return bool(pa.types.is_list(type_) or pa.types.is_fixed_size_list(type_))
+
+
+def _values(part: Column) -> list[Any]:
     values: list[Any] = part.array.to_pylist()
     return [None if text is None else _from_text(text) for text in values] if part.is_text else values
 
@@ -154,7 +263,7 @@ def _list_type(lists: list[list[Any]], has_nulls: bool) -> pa.DataType | None:
 
 def _struct_type(dicts: list[Row], has_nulls: bool) -> pa.DataType | None:
     names = list(dicts[0])
-    if not names or any(list(one) != names for one in dicts):
+    if not names or any(one.keys() != dicts[0].keys() for one in dicts):
         return None
     nothing = [None] if has_nulls else []
     types = {name: arrow_type([*(one[name] for one in dicts), *nothing]) for name in names}

@@ -1,0 +1,94 @@
+"""Files and folders that are there when they are whole, and not before."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..errors import DestinationExistsError, StorageError
+
+_LONGEST_NAME = 200
+
+
+@contextlib.contextmanager
+def fresh_file(dest: Path) -> Iterator[Path]:
+    """Give a path beside `dest` to write to; it gets its name when the block ends, and goes if the block fails.
+
+    Raises:
+        DestinationExistsError: There is something at `dest` already.
+        StorageError: It cannot be written.
+    """
+    with _fresh(dest) as path:
+        yield path
+
+
+@contextlib.contextmanager
+def fresh_folder(dest: Path) -> Iterator[Path]:
+    """Give an empty folder beside `dest` to write into; it gets its name when the block ends, and goes if that fails.
+
+    Raises:
+        DestinationExistsError: There is something at `dest` already, other than an empty folder.
+        StorageError: It cannot be written.
+    """
+    with _fresh(dest) as path:
+        path.mkdir()
+        yield path
+
+
+@contextlib.contextmanager
+def _fresh(dest: Path) -> Iterator[Path]:
+    refuse_existing(dest)
+    beside = dest.parent / f".{dest.name[:_LONGEST_NAME]}.{uuid.uuid4().hex[:8]}.part"
+    try:
+        dest.parent.mkdir(parents=True, exist_ok=True)
+        yield beside
+        refuse_existing(dest)
+        os.replace(beside, dest)
+    except OSError as error:
+        _remove(beside)
+        if isinstance(error, StorageError):
+            raise
+        raise StorageError(error.errno, f"cannot be written: {error.strerror}", str(dest)) from error
+    except BaseException:
+        _remove(beside)
+        raise
+
+
+def refuse_existing(dest: Path) -> None:
+    """Raise DestinationExistsError if there is something at a path, other than an empty folder."""
+    if dest.is_dir() and not dest.is_symlink() and next(dest.iterdir(), None) is None:
+        return
+    if dest.exists() or dest.is_symlink():
+        raise DestinationExistsError(errno.EEXIST, "is there already; remove it, or export to another place", str(dest))
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with contextlib.suppress(OSError):
+            path.unlink()
+
+
+def name_of(topic: str, suffix: str) -> str:
+    """Return a file's name for a topic: no two topics share one, and none leaves its folder.
+
+    Letters and digits of all languages stay, and so do `-`, `_`, blanks and dots inside; all else becomes `%2F` and
+    the like.
+    """
+    inside = "".join(letter if letter.isalnum() or letter in "-_. " else _percent(letter) for letter in topic)
+    name = inside if inside[:1] not in (".", " ") else _percent(inside[0]) + inside[1:]
+    if len((name + suffix).encode()) > _LONGEST_NAME:
+        digest = hashlib.sha256(topic.encode()).hexdigest()[:16]
+        name = f"{name[: _LONGEST_NAME // 8]}~{digest}"
+    return name + suffix
+
+
+def _percent(letter: str) -> str:
+    return "".join(f"%{byte:02X}" for byte in letter.encode())

@@ -1,0 +1,44 @@
+"""Work done a little ahead of who asks for it, on all cores."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import chain, islice
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+_WORKERS = min(os.cpu_count() or 1, 8)
+_AHEAD = 2
+"""How many results wait for each worker: one it has finished and one it works on."""
+
+
+def in_order(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """Yield `work(item)` for each item, in their order, while threads work on the next few.
+
+    What a call raises comes out in its place. One item alone is worked on by the caller.
+
+    Args:
+        work: Lets other threads run for most of its time; called on several threads.
+        items: Taken on the caller's thread, a few ahead.
+    """
+    items = iter(items)
+    first = list(islice(items, 2))
+    if len(first) < 2 or _WORKERS < 2:
+        yield from map(work, chain(first, items))
+        return
+    pool = ThreadPoolExecutor(_WORKERS, "ml_dash_mcap reader")
+    waiting: deque[Future[Result]] = deque()
+    try:
+        for item in chain(first, items):
+            waiting.append(pool.submit(work, item))
+            if len(waiting) >= _AHEAD * _WORKERS:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)

@@ -1,0 +1,185 @@
+"""JSON rows, many at once, as flat Arrow columns; or nothing, where that would lose something.
+
+pyarrow's reader is an order of magnitude faster than Python objects, but it guesses: it reads text that looks like a
+time as one, integers beyond 64 bits as doubles, and a missing key like a null. Whatever it cannot say as
+`rows.table` would say it is left to that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import orjson
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.json as pj
+
+from .columns import FIELD_PREFIX
+from .encode import TIME_KEY
+from .table import tight
+
+_EXACT_INTEGERS = 2.0**53
+_MOST_BYTES = 2**31 - 2
+
+
+class LineReader:
+    """Reads the rows of one channel, some columns of them, and learns their types from one call to the next.
+
+    Any thread may call it: what one learned too late is only learned again.
+    """
+
+    def __init__(self, columns: Sequence[str] | None = None) -> None:
+        """Begin to read.
+
+        Args:
+            columns: Dotted names of those that will be wanted; None for all. Others may come back with them.
+        """
+        self._wanted = None if columns is None else _top_level_names(columns)
+        self._known: dict[str, pa.DataType] = {}
+        """Types that a key was found to have, by key."""
+        self._texts: dict[str, pa.DataType] = {}
+        """The part of them that is text, and must not be taken for times."""
+
+    def read(self, lines: bytes, count: int) -> dict[str, pa.Array] | None:
+        """Return the columns of rows, by dotted name, or None if only Python objects can hold them without loss.
+
+        Args:
+            lines: One JSON object a line.
+            count: How many.
+        """
+        if not 0 < len(lines) < _MOST_BYTES or b"{}" in lines or b"{ }" in lines:
+            return None
+        table = self._projected(lines)
+        flat = None if table is None else _flatten(table, count)
+        if flat is None:
+            table = self._inferred(lines)
+            flat = None if table is None else _flatten(table, count)
+        return flat
+
+    def _projected(self, lines: bytes) -> pa.Table | None:
+        """Read the wanted keys only, if their types are known and can be relied upon."""
+        if self._wanted is None:
+            return None
+        fields = []
+        for name in self._wanted:
+            if orjson.dumps(name) in lines:
+                type_ = self._known.get(name)
+                if type_ is None or _has(type_, _is_unsure):
+                    return None
+                fields.append(pa.field(name, type_))
+        return _read(lines, pa.schema(fields), "ignore")
+
+    def _inferred(self, lines: bytes) -> pa.Table | None:
+        table = _read(lines, pa.schema(list(self._texts.items())), "infer")
+        if table is None:
+            return None
+        names = table.column_names
+        misread = [field for field in table.schema if _has(field.type, pa.types.is_timestamp)]
+        if misread:
+            self._texts = {**self._texts, **{field.name: _only_texts(field.type) for field in misread}}
+            table = _read(lines, pa.schema(list(self._texts.items())), "infer")
+            if table is None:
+                return None
+        order = list(dict.fromkeys([*(name for name in self._known if name in names), *names]))
+        self._known = {**self._known, **{name: table.schema.field(name).type for name in order}}
+        return table.select(order)
+
+
+def _top_level_names(columns: Iterable[str]) -> list[str]:
+    """Return the keys of a row that columns with dotted names may lie under."""
+    names = {TIME_KEY: None}
+    for column in columns:
+        for name in {column, column.removeprefix(FIELD_PREFIX)}:
+            parts = name.split(".")
+            names.update(dict.fromkeys(".".join(parts[:end]) for end in range(1, len(parts) + 1)))
+    return list(names)
+
+
+def _read(lines: bytes, schema: pa.Schema, unexpected: str) -> pa.Table | None:
+    try:
+        return pj.read_json(
+            pa.BufferReader(lines),
+            pj.ReadOptions(use_threads=False, block_size=len(lines) + 1),
+            pj.ParseOptions(explicit_schema=schema, unexpected_field_behavior=unexpected),
+        )
+    except pa.ArrowException:
+        return None
+
+
+def _has(type_: pa.DataType, is_it: Any) -> bool:
+    """Whether a type, or one inside it, is such a one."""
+    return bool(is_it(type_)) or any(_has(type_.field(at).type, is_it) for at in range(type_.num_fields))
+
+
+def _is_unsure(type_: pa.DataType) -> bool:
+    """Whether a chunk's type says too little about the next one's: a struct may get more keys, a null anything."""
+    return bool(pa.types.is_null(type_) or pa.types.is_struct(type_))
+
+
+def _only_texts(type_: pa.DataType) -> pa.DataType:
+    """Return the part of a type that is text, with what was taken for times as text."""
+    if pa.types.is_struct(type_):
+        inner = [type_.field(at) for at in range(type_.num_fields)]
+        texts = [field for field in inner if _has(field.type, _is_text)]
+        return pa.struct([pa.field(field.name, _only_texts(field.type)) for field in texts])
+    if pa.types.is_list(type_):
+        return pa.list_(_only_texts(type_.value_type))
+    return pa.string()
+
+
+def _is_text(type_: pa.DataType) -> bool:
+    return bool(pa.types.is_timestamp(type_) or pa.types.is_string(type_))
+
+
+# -- from what pyarrow makes of rows to the columns that `rows.table` would make of them ------------------------------
+
+
+def _flatten(table: pa.Table, count: int) -> dict[str, pa.Array] | None:
+    if table.num_rows != count:  # a payload was empty, or had lines in it
+        return None
+    flat: dict[str, pa.Array] = {}
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        array = column.combine_chunks()
+        if isinstance(array, pa.ChunkedArray):  # pyarrow before 15, for one chunk
+            array = array.chunk(0)
+        if not _put(flat, name, array):
+            return None
+    return flat
+
+
+def _put(flat: dict[str, pa.Array], name: str, array: pa.Array) -> bool:
+    """Add a column, a struct's keys as columns of their own; returns whether that lost nothing."""
+    if pa.types.is_struct(array.type):
+        inner = zip([array.type.field(at).name for at in range(array.type.num_fields)], array.flatten(), strict=True)
+        return array.type.num_fields > 0 and all(_put(flat, f"{name}.{key}", child) for key, child in inner)
+    found = _exactly(array)
+    if found is None or name in flat:
+        return False
+    flat[name] = found
+    return True
+
+
+def _exactly(array: pa.Array) -> pa.Array | None:
+    """Return an array in the type that `rows.table` gives its values, or None if it may not hold them exactly."""
+    return tight(array) if _is_exact(array) else None
+
+
+def _is_exact(array: pa.Array) -> bool:
+    type_ = array.type
+    if pa.types.is_floating(type_):
+        return _is_safe(array)
+    if pa.types.is_list(type_):
+        return _is_exact(array.flatten())
+    if pa.types.is_struct(type_):  # in a list; a key may be missing here or there
+        children = array.flatten()
+        return bool(children) and all(not child.null_count and _is_exact(child) for child in children)
+    return not pa.types.is_timestamp(type_)
+
+
+def _is_safe(array: pa.Array) -> bool:
+    """Whether no value can have been an integer that a double rounds."""
+    if len(array) == array.null_count:
+        return True
+    range_ = pc.min_max(array)
+    return bool(-_EXACT_INTEGERS < range_["min"].as_py() <= range_["max"].as_py() < _EXACT_INTEGERS)
