@@ -44,13 +44,12 @@ class TopicInfo:
     description: str | None = None
     tags: tuple[str, ...] = ()
     metadata: Mapping[str, Any] = field(default_factory=dict)
-    measure: Callable[[], int] = field(default=int, repr=False, compare=False)
-    """Returns what `bytes` is."""
+    _measure: Callable[[], int] = field(default=int, repr=False, compare=False)
 
     @property
     def bytes(self) -> int:
         """How many bytes its messages take, uncompressed. Summed up from the message indexes when asked for."""
-        return self.measure()
+        return self._measure()
 
     @property
     def duration(self) -> float:
@@ -96,21 +95,23 @@ def info(files: Sequence[File], topic: str) -> TopicInfo:
         count=counts.count(files, topic),
         start=start,
         end=end,
-        fields=_fields(files, topic, merged),
+        fields=_fields(files, topic, merged, start),
         schema=merged,
         encoding=found[-1][1].message_encoding if found else "json",
         schema_name=described.name if described is not None else "",
         description=description,
         tags=tags,
         metadata=metadata,
-        measure=functools.cache(lambda: counts.payload_bytes(files, topic)),
+        _measure=functools.cache(lambda: counts.payload_bytes(files, topic)),
     )
 
 
-def _fields(files: Sequence[File], topic: str, schema: Mapping[str, Any]) -> dict[str, Field]:
+def _fields(files: Sequence[File], topic: str, schema: Mapping[str, Any], start: float | None) -> dict[str, Field]:
     fields = schemas.fields(schema)
+    if start is None:
+        return fields
     try:
-        first = next(rows.read(files, topic), None)
+        first = next(rows.read(files, topic, start, start), None)
     except (EncodingError, DamagedFileError):  # whoever reads the rows is told
         return fields
     for name, value in flatten(first, TIME_KEY).items() if first is not None else ():

@@ -73,7 +73,8 @@ def test_jsonl_is_strict_json_a_row_a_line_and_loses_nothing(recording):
 def test_parquet_is_compressed_and_has_the_time_first(recording):
     data = recording["robot"].read(format="parquet")
     table = pq.read_table(io.BytesIO(data))
-    assert table.column_names == ["timestamp", "q", "time", "fields.timestamp", "late", "img", "none", "cam.pos"]
+    assert table.column_names[0] == "timestamp"
+    assert set(table.column_names[1:]) == {"q", "time", "fields.timestamp", "late", "img", "none", "cam.pos"}
     assert table.schema.field("timestamp").type == pa.float64()
     assert pq.ParquetFile(io.BytesIO(data)).metadata.row_group(0).column(0).compression == "ZSTD"
     assert table.column("timestamp").to_pylist() == [0.0, 0.5, 1.0, 1.5]
