@@ -17,11 +17,14 @@ FLOORS: list[set[str]] = [
     {"version", "errors", "clock", "layout"},
     {"options", "timestamps", "paths", "definitions", "lookup"},
     {"rows"},
+    {"ros"},
     {"write", "read"},
     {"recovery", "export"},
     {"topic", "topic_reader"},
-    {"recorder", "recording"},
-    {"run"},
+    {"recorder"},
+    {"ingest"},
+    {"recording"},
+    {"run", "convert"},
     {"experiment", "session"},
 ]
 """Rooms by floor, the lowest first; a room imports from lower floors only."""

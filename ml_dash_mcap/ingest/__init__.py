@@ -1,0 +1,73 @@
+"""Other people's files as recordings: one module each, and a table of them."""
+
+from __future__ import annotations
+
+import errno
+import inspect
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from ..errors import FormatError, MissingRecordingError, UsageError
+from ..recorder import Recorder
+
+Progress = Callable[[int, int], object]
+"""Called now and then with the rows done and the rows in all."""
+
+FORMATS: Mapping[str, str] = {}
+"""Formats, to the module here that reads them.
+
+A module has `detect(path) -> str | None`, which names the format of what is at a path that exists, or None, and
+`record(src, recorder, *, progress=None, **options) -> None`, which appends its rows to a recorder.
+"""
+
+
+def detect(path: str | Path) -> str | None:
+    """Return the format of what is at a path; None if it is none of them, or nothing is there."""
+    place = Path(path)
+    if not place.exists():
+        return None
+    for module in dict.fromkeys(FORMATS.values()):
+        found: str | None = _load(module).detect(place)
+        if found is not None:
+            return found
+    return None
+
+
+def record(
+    src: str | Path, recorder: Recorder, *, format: str | None = None, progress: Progress | None = None, **options: Any
+) -> None:
+    """Append what is in a foreign file or folder to a recorder.
+
+    Args:
+        src: The file or folder.
+        recorder: Where to.
+        format: One of `FORMATS`; None to find out.
+        progress: Called now and then with the rows done and the rows in all.
+        options: Of the format.
+
+    Raises:
+        MissingRecordingError: Nothing is at `src`; also a FileNotFoundError.
+        FormatError: Its format is not known; also a ValueError.
+        UsageError: The format has no such option; also a TypeError.
+    """
+    place = Path(src)
+    if not place.exists():
+        raise MissingRecordingError(errno.ENOENT, "there is nothing", str(place))
+    name = format if format is not None else detect(place)
+    if name is None or name not in FORMATS:
+        known = ", ".join(sorted(FORMATS))
+        said = "its format is not known" if name is None else f"there is no format {name!r}"
+        raise FormatError(f"{place}: {said}; those that can be read are {known}")
+    read = _load(FORMATS[name]).record
+    taken = [one for one, how in inspect.signature(read).parameters.items() if how.kind is how.KEYWORD_ONLY]
+    for option in options:
+        if option not in taken:
+            raise UsageError(f"reading {name!r} has no option {option!r}; it has {', '.join(taken) or 'none'}")
+    read(place, recorder, progress=progress, **options)
+
+
+def _load(module: str) -> ModuleType:
+    return import_module(f".{module}", __name__)
