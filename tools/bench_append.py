@@ -12,12 +12,8 @@ logs a row is compiled into the timed loop, as `timeit` does it: no wrapper's co
 
 from __future__ import annotations
 
-import argparse
 import gc
 import json
-import os
-import subprocess
-import sys
 import tempfile
 import time
 from array import array
@@ -27,35 +23,20 @@ from dataclasses import asdict, dataclass
 from itertools import islice
 from math import ceil
 from pathlib import Path
-from random import Random
 from typing import Any
 
+import kernel
 import report
+import rounds
 from report import Figures, Results
+from robot_rows import BLOCK_ROWS, PERIOD_S, SCHEMA, TOPICS, Row, fresh_blocks, fresh_rows
 
-WIDTHS = {"q": 7, "qd": 7, "tau": 7, "ee_pos": 3, "ee_quat": 4, "gripper": 1}  # 29 floats in 6 fields
-SEED = 20_240
-START_S = 1_700_000_000.0
-PERIOD_S = 0.001
-TICK_TOPICS = [f"arm{number}" for number in range(10)]
-BLOCK_ROWS = 10_000  # rows in one append_columns()
-TIMEOUT_S = 600  # of one process
 MEMORY_SAMPLES = 10
 
 KEYWORDS = "q=q, qd=qd, tau=tau, ee_pos=ee_pos, ee_quat=ee_quat, gripper=gripper"
 DICT = '{"q": q, "qd": qd, "tau": tau, "ee_pos": ee_pos, "ee_quat": ee_quat, "gripper": gripper}'
 DICT_TS = DICT.replace("}", ', "_ts": t}')
 THIRDS = ("q=q, qd=qd", "tau=tau, ee_pos=ee_pos", "ee_quat=ee_quat, gripper=gripper")
-SCHEMA: dict[str, Any] = {
-    "title": "robot",
-    "type": "object",
-    "properties": {
-        name: {"type": "array", "items": {"type": "number"}} if width > 1 else {"type": "number"}
-        for name, width in WIDTHS.items()
-    },
-}
-
-Row = tuple[Any, ...]  # the six fields, then t (s), t_ns, and the JSON bytes or None
 Names = dict[str, Any]  # what a contender's statement may use; "topics" holds one value a topic
 
 
@@ -200,43 +181,6 @@ CONTENDERS = {
 PACKAGES = ("ml-dash-mcap", "foxglove-sdk", "mcap", "ml-dash", "dreamlake", "orjson", "numpy", "zstandard")
 
 
-# The data: the same for all, new floats and lists for every row.
-
-
-def fresh_rows(count: int, *, ready: bool, per_tick: int = 1) -> Iterator[Row]:
-    """Make rows of doubles with all their digits, 1 ms (and a loop's jitter) apart.
-
-    Args:
-        count: How many rows.
-        ready: Whether to make the JSON bytes too.
-        per_tick: How many rows in turn have the same time.
-    """
-    rng = Random(SEED).random
-    if ready:
-        from orjson import dumps
-    t = START_S
-    for i in range(count):
-        if i % per_tick == 0:
-            t = START_S + i // per_tick * PERIOD_S + rng() * 1e-5
-        q, qd, tau = [rng() for _ in range(7)], [rng() for _ in range(7)], [rng() for _ in range(7)]
-        ee_pos, ee_quat, gripper = [rng() for _ in range(3)], [rng() for _ in range(4)], rng()
-        encoded = None
-        if ready:
-            encoded = dumps(dict(zip(WIDTHS, (q, qd, tau, ee_pos, ee_quat, gripper), strict=True)))
-        yield q, qd, tau, ee_pos, ee_quat, gripper, t, int(t * 1e9), encoded
-
-
-def fresh_blocks(count: int) -> Iterator[Row]:
-    """The same as arrays of `BLOCK_ROWS` rows: q [N, 7], ..., gripper [N], t [N]."""
-    import numpy
-
-    rng = numpy.random.default_rng(SEED)
-    for first in range(0, count, BLOCK_ROWS):
-        rows = min(BLOCK_ROWS, count - first)
-        fields = [rng.random((rows, width) if width > 1 else rows) for width in WIDTHS.values()]
-        yield *fields, START_S + numpy.arange(first, first + rows) * PERIOD_S + rng.random(rows) * 1e-5, None, None
-
-
 # The loops: {call} is replaced by the contender's statement.
 
 ROW = "(q, qd, tau, ee_pos, ee_quat, gripper, t, t_ns, ready)"
@@ -340,12 +284,12 @@ def tick(contender: Contender, folder: Path, sizes: Sizes) -> Figures:
     """Time what a real 1 kHz loop spends on logging ten topics, tick by tick."""
     ticks = int(sizes.tick_s / PERIOD_S)
     took_ns = array("q", bytes(8 * ticks))
-    rows = fresh_rows(ticks * len(TICK_TOPICS), ready=contender.ready, per_tick=len(TICK_TOPICS))
-    with contender.open(folder, TICK_TOPICS) as names:
+    rows = fresh_rows(ticks * len(TOPICS), ready=contender.ready, per_tick=len(TOPICS))
+    with contender.open(folder, TOPICS) as names:
         run = compiled(ONE_TICK, contender.call, names)
         due_s = time.perf_counter()
         for i in range(ticks):
-            now_rows = list(islice(rows, len(TICK_TOPICS)))
+            now_rows = list(islice(rows, len(TOPICS)))
             due_s = max(due_s + PERIOD_S, time.perf_counter())
             time.sleep(max(0.0, due_s - time.perf_counter()))
             took_ns[i] = run(now_rows, names["topics"])
@@ -362,18 +306,10 @@ def memory(contender: Contender, folder: Path, sizes: Sizes) -> Figures:
         run = compiled(ALL_CALLS, contender.call, names)
         for _ in range(MEMORY_SAMPLES):
             run(islice(rows, step), names["topics"][0])
-            resident_mb.append(status_mb("VmRSS"))
+            resident_mb.append(kernel.memory_mb("VmRSS"))
     after_a_fifth = resident_mb[MEMORY_SAMPLES // 5 - 1]
-    peak_mb = max(*resident_mb, status_mb("VmHWM"))
+    peak_mb = max(*resident_mb, kernel.memory_mb("VmHWM"))
     return {"resident_mb": resident_mb, "peak_mb": peak_mb, "growth": resident_mb[-1] / after_a_fifth}
-
-
-def status_mb(name: str) -> float:
-    """A figure of the kernel's about this process, shared memory included (Linux: /proc/self/status, in kB)."""
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith(f"{name}:"):
-            return int(line.split()[1]) / 1024
-    raise OSError(f"/proc/self/status has no {name}: memory can only be measured on Linux")
 
 
 def percentiles_us(took_ns: Sequence[int]) -> Figures:
@@ -449,86 +385,50 @@ AIMS = (
 )
 
 
-# The rounds.
+# One process of the benchmark.
 
 
-def play(measures: Sequence[str], contenders: Sequence[str], rounds: int, sizes: Sizes, folder: Path) -> Results:
-    results: Results = {}
-    for turn in range(rounds):
-        for measure in measures:
-            if turn and MEASURES[measure].once:
-                continue
-            row = [name for name in MEASURES[measure].contenders if name in contenders]
-            first = turn % max(1, len(row))  # nobody always runs after the same one
-            for name in row[first:] + row[:first]:
-                figures = in_a_process(measure, name, sizes, folder)
-                results.setdefault((measure, name), []).append(figures)
-                print(f"round {turn + 1}/{rounds} {measure:9} {name:14} {brief(figures)}", file=sys.stderr)
-    return results
-
-
-def in_a_process(measure: str, contender: str, sizes: Sizes, folder: Path) -> Figures:
+def in_a_process(measure: str, contender: str, *, sizes: Sizes, folder: Path) -> Figures:
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
-        order = json.dumps({"measure": measure, "contender": contender, "folder": scratch, "sizes": asdict(sizes)})
-        command = [sys.executable, __file__, "--child", order]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
-        except subprocess.TimeoutExpired:
-            return {"absent": "failed", "why": f"not done after {TIMEOUT_S} s"}
-    if done.returncode == 0:
-        return json.loads(done.stdout)  # type: ignore[no-any-return]
-    print(done.stderr, file=sys.stderr)
-    return {"absent": "failed", "why": f"exit code {done.returncode}"}
+        order = {"measure": measure, "contender": contender, "folder": scratch, "sizes": asdict(sizes)}
+        return rounds.in_a_process(__file__, order)
 
 
-def child(order: dict[str, Any]) -> None:
-    """Run one measure; its figures are the only thing on the real standard output."""
-    answer = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # what the contenders print goes elsewhere
+def carry_out(order: rounds.Order) -> Figures:
     contender = CONTENDERS[order["contender"]]
-    try:
-        figures = MEASURES[order["measure"]].run(contender, Path(order["folder"]), Sizes(**order["sizes"]))
-    except ImportError as error:
-        figures = {"absent": "missing", "why": str(error)}
-    print(json.dumps(figures), file=answer, flush=True)
+    return MEASURES[order["measure"]].run(contender, Path(order["folder"]), Sizes(**order["sizes"]))
 
 
 # The report.
 
 
-def brief(figures: Figures) -> str:
-    """The figures in a line, for who waits; in the report they are medians."""
-    shown = {key: f"{value:.5g}" if isinstance(value, float) else value for key, value in figures.items()}
-    return ", ".join(f"{key} {value}" for key, value in shown.items())
-
-
 def measure_table(name: str, results: Results) -> str:
     measure = MEASURES[name]
-    rounds = {contender: results[name, contender] for contender in measure.contenders if (name, contender) in results}
+    taken = {contender: results[name, contender] for contender in measure.contenders if (name, contender) in results}
     if shown := measure.shown:
         head = ["", *shown.values()]
-        rows = [[CONTENDERS[key].title, *(report.cell(took, name) for name in shown)] for key, took in rounds.items()]
+        rows = [[CONTENDERS[key].title, *(report.cell(took, name) for name in shown)] for key, took in taken.items()]
     else:
         head = ["", *(f"{tenth * 100 // MEMORY_SAMPLES} %" for tenth in range(1, MEMORY_SAMPLES + 1)), "peak"]
-        rows = [[CONTENDERS[key].title, *memory_cells(rounds[key])] for key in rounds]
+        rows = [[CONTENDERS[key].title, *memory_cells(taken[key])] for key in taken]
     return f"### {measure.title}\n\n{report.table(head, rows)}"
 
 
-def memory_cells(rounds: list[Figures]) -> list[str]:
-    curve = rounds[0].get("resident_mb")
+def memory_cells(taken: list[Figures]) -> list[str]:
+    curve = taken[0].get("resident_mb")
     if curve is None:
-        return [report.cell(rounds, "peak_mb")] * (MEMORY_SAMPLES + 1)
-    return [*(report.number(value) for value in curve), report.cell(rounds, "peak_mb")]
+        return [report.cell(taken, "peak_mb")] * (MEMORY_SAMPLES + 1)
+    return [*(report.number(value) for value in curve), report.cell(taken, "peak_mb")]
 
 
-def section(results: Results, rounds: int, sizes: Sizes, folder: Path) -> str:
+def section(results: Results, count: int, sizes: Sizes, folder: Path) -> str:
     """The whole report as Markdown."""
     seen = {contender for _, contender in results}
     tables = [measure_table(name, results) for name in MEASURES if any(name == measure for measure, _ in results)]
     calls = [f"- {entry.title}: `{entry.call}`" for key, entry in CONTENDERS.items() if key in seen]
     notes = f"""\
 Written by `tools/bench_append.py`. A row is 29 floats in 6 fields, new random doubles each time, made outside the timed
-part. Each figure is the median of {rounds} (lowest to highest), the contenders in turn, each time in a process of its
+part. Each figure is the median of {count} (lowest to highest), the contenders in turn, each time in a process of its
 own; the memory's curve is taken once, in MB, at tenths of {sizes.memory_rows:,} rows. A run has {sizes.rows:,} rows
 ({sizes.column_rows:,} for arrays, {sizes.tick_s:g} s of ticks).
 
@@ -544,30 +444,21 @@ time in nanoseconds, except where said."""
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="a smoke run: one round of few rows")
-    names = [*MEASURES, *CONTENDERS]
-    only = "a measure or a contender, may be repeated: " + ", ".join(names)
-    parser.add_argument("--only", action="append", default=[], choices=names, metavar="NAME", help=only)
-    parser.add_argument("--rounds", type=int, help="default 5, with --quick 1")
-    parser.add_argument("--out", type=Path, help="the Markdown file whose section is replaced; default: print it")
-    scratch = "where to record, with 2 GB free; default: the system's temporary folder"
-    parser.add_argument("--folder", type=Path, default=Path(tempfile.gettempdir()), help=scratch)
-    parser.add_argument("--child", help=argparse.SUPPRESS)
-    chosen = parser.parse_args()
-    if chosen.child:
-        child(json.loads(chosen.child))
+    parser = rounds.parser(__doc__, [*MEASURES, *CONTENDERS], "2 GB")
+    given = parser.parse_args()
+    if given.child:
+        rounds.answer(given.child, carry_out)
         return
-    if chosen.out and chosen.only:
+    if given.out and given.only:
         parser.error("--out writes the whole section: leave out --only")
 
-    sizes, rounds = (QUICK, chosen.rounds or 1) if chosen.quick else (Sizes(), chosen.rounds or 5)
-    measures = [name for name in MEASURES if name in chosen.only] or list(MEASURES)
-    contenders = [name for name in CONTENDERS if name in chosen.only] or list(CONTENDERS)
-    results = play(measures, contenders, rounds, sizes, chosen.folder)
-    text = section(results, rounds, sizes, chosen.folder)
-    if chosen.out:
-        report.write_section(chosen.out, "append", text)
+    sizes, count = (QUICK, given.rounds or 1) if given.quick else (Sizes(), given.rounds or 5)
+    turns = rounds.chosen({name: measure.contenders for name, measure in MEASURES.items()}, given.only)
+    once = [name for name, measure in MEASURES.items() if measure.once]
+    results = rounds.play(turns, count, lambda *names: in_a_process(*names, sizes=sizes, folder=given.folder), once)
+    text = section(results, count, sizes, given.folder)
+    if given.out:
+        report.write_section(given.out, "append", text)
     else:
         print(text)
 

@@ -10,7 +10,7 @@ import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -127,6 +127,13 @@ def _version(package: str) -> str:
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
+        return _version_of_sources(package)
+
+
+def _version_of_sources(package: str) -> str:
+    try:
+        return f"{import_module(package.replace('-', '_')).__version__} (from its sources)"
+    except (ImportError, AttributeError):
         return "(missing)"
 
 
