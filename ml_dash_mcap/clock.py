@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 NS_PER_S = 1_000_000_000
 
@@ -25,6 +30,18 @@ def to_nanoseconds(seconds: float) -> int:
     """
     whole = int(seconds)
     return whole * NS_PER_S + int((seconds - whole) * 1e9 + 0.5)
+
+
+def to_nanoseconds_each(seconds: npt.NDArray[np.float64]) -> npt.NDArray[np.uint64]:
+    """Round time stamps to nanoseconds as `to_nanoseconds` does, [N].
+
+    Args:
+        seconds: Each a finite time stamp with 0 <= seconds < 2**64 / 1e9.
+    """
+    whole = seconds.astype("uint64")
+    part = (seconds - whole) * 1e9 + 0.5
+    found: npt.NDArray[np.uint64] = whole * whole.dtype.type(NS_PER_S) + part.astype("uint64")
+    return found
 
 
 def to_seconds(nanoseconds: int) -> float:

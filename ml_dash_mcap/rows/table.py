@@ -135,7 +135,7 @@ def _column(values: list[Any]) -> Column:
     type_ = arrow_type(values)
     if type_ is not None:
         return Column(pa.array(values, type=type_))
-    return Column(pa.array([None if value is None else _to_text(value) for value in values], type=pa.string()), True)
+    return Column(pa.array([None if value is None else to_text(value) for value in values], type=pa.string()), True)
 
 
 def _join(parts: list[Column]) -> Column:
@@ -148,7 +148,7 @@ def _join(parts: list[Column]) -> Column:
             with contextlib.suppress(pa.ArrowInvalid):  # an integer that a double would round
                 arrays = [array for part in parts for array in _cast(part.array, type_)]
                 return Column(pa.chunked_array(arrays, type=type_), any(part.is_text for part in parts))
-    whole = _column([value for part in parts for value in _values(part)])
+    whole = _column([value for part in parts for value in values_of(part)])
     return Column(pa.chunked_array([whole.array]), whole.is_text)
 
 
@@ -212,7 +212,8 @@ def _is_list(type_: pa.DataType) -> bool:
     return bool(pa.types.is_list(type_) or pa.types.is_fixed_size_list(type_))
 
 
-def _values(part: Column) -> list[Any]:
+def values_of(part: Column) -> list[Any]:
+    """Return a column's values as Python objects, those that are JSON text decoded."""
     values: list[Any] = part.array.to_pylist()
     return [None if text is None else _from_text(text) for text in values] if part.is_text else values
 
@@ -272,7 +273,7 @@ def _struct_type(dicts: list[Row], has_nulls: bool) -> pa.DataType | None:
     return pa.struct([pa.field(name, type_) for name, type_ in types.items()])
 
 
-def _to_text(value: Any) -> str:
+def to_text(value: Any) -> str:
     """Say a value as JSON; one that JSON cannot say is wrapped as `{"_value": ..., "_exact": ...}`."""
     row = orjson.loads(exact({VALUE_KEY: value}, ""))
     row.pop(TIME_KEY, None)

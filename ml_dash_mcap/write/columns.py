@@ -143,7 +143,7 @@ def _encode_slices(
         name: np.ascontiguousarray(array, np.float64 if array.dtype.kind == "f" else array.dtype.newbyteorder("="))
         for name, array in columns.items()
     }
-    times_ns = _nanoseconds(times)
+    times_ns = clock.to_nanoseconds_each(times)
     for first in range(0, len(times), _SLICE):
         part = slice(first, first + _SLICE)
         blob, starts = _encode_slice(times[part], times_ns[part], {k: a[part] for k, a in arrays.items()}, head)
@@ -188,10 +188,3 @@ def _cut(array: npt.NDArray[Any]) -> tuple[list[bytes], npt.NDArray[np.int64]]:
     text = orjson.dumps(array, option=orjson.OPT_SERIALIZE_NUMPY)
     texts = text[1 + depth : -1 - depth].split(b"]" * depth + b"," + b"[" * depth)
     return texts, np.fromiter(map(len, texts), np.int64, len(texts))
-
-
-def _nanoseconds(times: npt.NDArray[np.float64]) -> npt.NDArray[np.uint64]:
-    """Like `clock.to_nanoseconds`, for an array."""
-    whole = np.floor(times)
-    part = ((times - whole) * 1e9 + 0.5).astype(np.uint64)
-    return np.asarray(whole.astype(np.uint64) * np.uint64(clock.NS_PER_S) + part)
