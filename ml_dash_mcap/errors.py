@@ -16,6 +16,7 @@
     │   └── DestinationExistsError (FileExistsError)     an export's destination that is there already
     ├── NotFoundError        (KeyError)                  a topic, column or entry that is not there
     ├── FormatError          (ValueError)                an export format that is not known
+    ├── ConversionError      (ValueError)                a topic, row or name that another format cannot say
     ├── EncodingError        (ValueError)                messages in an encoding that this library does not decode
     └── DamagedFileError     (ValueError)                a file that is no MCAP, or whose bytes contradict themselves
 
@@ -93,6 +94,10 @@ class NotFoundError(RecorderError, KeyError):
 
 class FormatError(RecorderError, ValueError):
     """An export format that is not known."""
+
+
+class ConversionError(RecorderError, ValueError):
+    """A topic, row or name that another format cannot say; the message names it, and what to pass."""
 
 
 class EncodingError(RecorderError, ValueError):
