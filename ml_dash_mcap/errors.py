@@ -15,6 +15,7 @@
     │   ├── MissingRecordingError  (FileNotFoundError)   a path where no recording is
     │   └── DestinationExistsError (FileExistsError)     an export's destination that is there already
     ├── NotFoundError        (KeyError)                  a topic, column or entry that is not there
+    ├── AlignmentError       (ValueError)                a method or rate that topics cannot be aligned with
     ├── FormatError          (ValueError)                an export format that is not known
     ├── ConversionError      (ValueError)                a topic, row or name that another format cannot say
     ├── EncodingError        (ValueError)                messages in an encoding that this library does not decode
@@ -92,6 +93,10 @@ class NotFoundError(RecorderError, KeyError):
         return str(self.args[0]) if self.args else ""
 
 
+class AlignmentError(RecorderError, ValueError):
+    """A method or a rate that topics cannot be brought onto one clock with."""
+
+
 class FormatError(RecorderError, ValueError):
     """An export format that is not known."""
 
@@ -114,9 +119,15 @@ class DamagedFileError(RecorderError, ValueError):
     Attributes:
         path: The file.
         offset: Where in it the trouble was found, in bytes from its start.
+        what: What is wrong, in words.
     """
 
     def __init__(self, path: str | Path, offset: int, what: str) -> None:
         super().__init__(f"{path}, byte {offset}: {what}")
         self.path = Path(path)
         self.offset = offset
+        self.what = what
+
+    def __reduce__(self) -> tuple[type[DamagedFileError], tuple[Path, int, str]]:
+        """Let it pass between processes."""
+        return type(self), (self.path, self.offset, self.what)
