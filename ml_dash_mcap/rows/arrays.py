@@ -19,17 +19,18 @@ def from_table(table: pa.Table) -> dict[str, npt.NDArray[Any]]:
     element of a missing vector or matrix; integers become doubles then, or objects if a double would round one. All
     else, such as text, bytes and lists of various lengths, is an object array `[N]` with None for what is missing.
     """
-    return {name: _array(_whole(column)) for name, column in zip(table.column_names, table.columns, strict=True)}
+    return {name: _array(whole(column)) for name, column in zip(table.column_names, table.columns, strict=True)}
 
 
-def _whole(column: pa.ChunkedArray) -> pa.Array:
+def whole(column: pa.ChunkedArray) -> pa.Array:
+    """Return a column as one array."""
     if column.num_chunks == 1:
         return column.chunk(0)
     return pa.concat_arrays(column.chunks) if column.num_chunks else pa.array([], column.type)
 
 
 def _array(array: pa.Array) -> npt.NDArray[Any]:
-    shape, leaf = _shape(array)
+    shape, leaf = shape_of(array)
     if shape is not None:
         flat = _numbers(leaf)
         if flat is not None:
@@ -40,14 +41,15 @@ def _array(array: pa.Array) -> npt.NDArray[Any]:
     return found
 
 
-def _shape(array: pa.Array) -> tuple[tuple[int, ...] | None, pa.Array]:
+def shape_of(array: pa.Array) -> tuple[tuple[int, ...] | None, pa.Array]:
     """Return the shape of each value and the array of all their elements; None if the shapes differ."""
     type_ = array.type
     if pa.types.is_list(type_) or pa.types.is_fixed_size_list(type_):
         lengths = pc.unique(pc.drop_null(pc.list_value_length(array))).to_pylist()
-        if len(lengths) != 1:
+        elements = array.flatten()
+        if len(lengths) != 1 or (elements.null_count and pa.types.is_nested(elements.type)):
             return None, array
-        inner, leaf = _shape(array.flatten())
+        inner, leaf = shape_of(elements)
         return (None if inner is None else (int(lengths[0]), *inner)), leaf
     return (), array
 
