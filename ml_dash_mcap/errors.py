@@ -18,6 +18,7 @@
     ├── AlignmentError       (ValueError)                a method or rate that topics cannot be aligned with
     ├── FormatError          (ValueError)                an export format that is not known
     ├── ConversionError      (ValueError)                a topic, row or name that another format cannot say
+    ├── ForeignFileError     (ValueError)                another tool's file that breaks its format's rules
     ├── EncodingError        (ValueError)                messages in an encoding that this library does not decode
     └── DamagedFileError     (ValueError)                a file that is no MCAP, or whose bytes contradict themselves
 
@@ -103,6 +104,29 @@ class FormatError(RecorderError, ValueError):
 
 class ConversionError(RecorderError, ValueError):
     """A topic, row or name that another format cannot say; the message names it, and what to pass."""
+
+
+class ForeignFileError(RecorderError, ValueError):
+    """Another tool's file that breaks the rules of its format; the message says where.
+
+    Attributes:
+        path: The file.
+        line: Where in it the trouble was found, from 1; None where a file has no lines.
+        column: Which cell of the line, from 1; None for the whole line.
+        what: What is wrong, in words.
+    """
+
+    def __init__(self, path: str | Path, what: str, line: int | None = None, column: int | None = None) -> None:
+        place = "" if line is None else f", line {line}" + ("" if column is None else f", column {column}")
+        super().__init__(f"{path}{place}: {what}")
+        self.path = Path(path)
+        self.line = line
+        self.column = column
+        self.what = what
+
+    def __reduce__(self) -> tuple[type[ForeignFileError], tuple[Path, str, int | None, int | None]]:
+        """Let it pass between processes."""
+        return type(self), (self.path, self.what, self.line, self.column)
 
 
 class EncodingError(RecorderError, ValueError):
