@@ -32,6 +32,8 @@ FLOORS: list[set[str]] = [
 HEAVY = {
     "pyarrow": {
         *("rows.table", "rows.lines", "rows.arrays", "rows.batches"),
+        *("rows.kinds", "export.nesting", "export.parquet_files", "export.parquet_layout"),
+        *("export.csv_cells", "export.csv_layout"),
         *("read.columns", "export.parquet", "topic_reader"),
     },
     "rosbags": set[str](),
