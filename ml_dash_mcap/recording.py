@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import orjson
 
@@ -32,6 +32,9 @@ from .read.rows import check_range
 from .read.segments import Segments
 from .read.topics import TopicInfo
 from .topic_reader import TopicReader
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 Row = dict[str, Any]
 
@@ -106,6 +109,58 @@ class Recording:
     ) -> Any:
         """Return a topic's rows like `TopicReader.read`; without any rows if there is no such topic."""
         return topic_reader.read(self._opened(), topic, start_timestamp, end_timestamp, columns, format)
+
+    def align(
+        self,
+        topics: Iterable[str] | Mapping[str, Iterable[str] | None],
+        *,
+        on: str | None = None,
+        hz: float | None = None,
+        how: str | Mapping[str, str] = "previous",
+        tolerance_s: float | None = None,
+        start: float | None = None,
+        end: float | None = None,
+    ) -> pa.Table:
+        """Return several topics on one clock, as one Arrow table: `_ts`, and a column `topic.field` for each field.
+
+        A topic's rows are its samples. What a row lacks is missing there, and so is what lies too far away: null.
+
+        - "previous": the last row at or before a time, not older than `tolerance_s`;
+        - "nearest": the nearest row, the earlier one of two, not farther than `tolerance_s`;
+        - "linear": on the line between the rows on both sides, if these are no farther from each other than
+          `tolerance_s`; numbers (as doubles), vectors and matrices. Text, booleans and whatever else is no number takes
+          the previous value, unless its column is named;
+        - "slerp": the same on the shortest arc, for quaternions, whichever of their elements comes first.
+
+        Args:
+            topics: Names; or a mapping from names to the columns wanted, None for all.
+            on: The topic whose times to take. Its own rows come back as they are; it need not be one of `topics`.
+            hz: Or so many times a second: the first time plus i / hz. From `start`, or else from where the last of the
+                topics starts, to `end`, or else to where the first of them ends, both included.
+            how: A method for all columns, or a mapping to methods from names: "topic.field", "topic" and "*" for all
+                others. The most specific one counts; "previous" where there is none.
+            tolerance_s: In s; None for any distance. Before a topic's first row "previous" has no value, and "linear"
+                and "slerp" have none after its last one either.
+            start: First time, in s; None for the beginning.
+            end: Last time, included, in s; None for the end.
+
+        Raises:
+            NotFoundError: There is no such topic or column; also a KeyError.
+            AlignmentError: There is no such method, a named column has no values for it, or slerp was to take others
+                than 4-vectors; also a ValueError.
+            UsageError: Both `on` and `hz` are given, or neither; also a TypeError.
+            RangeError: The range's start lies after its end; also a ValueError.
+
+        Example:
+            >>> rec.align(["robot", "imu"], on="robot", how={"imu": "linear", "imu.quat": "slerp"}, tolerance_s=0.05)
+            >>> rec.align({"robot": ["q"], "imu": ["accel"]}, hz=100, how="linear").to_pandas()
+        """
+        from .alignment import align  # which loads pyarrow
+
+        files = self._opened()
+        return align(
+            files, self.__getitem__, topics, on=on, hz=hz, how=how, tolerance_s=tolerance_s, start=start, end=end
+        )
 
     def refresh(self) -> bool:
         """Take in what was written since; costs as much as there is new.

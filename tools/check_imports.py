@@ -20,7 +20,7 @@ FLOORS: list[set[str]] = [
     {"ros"},
     {"write", "read"},
     {"recovery", "export"},
-    {"topic", "topic_reader"},
+    {"topic", "topic_reader", "alignment"},
     {"recorder"},
     {"ingest"},
     {"recording"},
@@ -31,14 +31,14 @@ FLOORS: list[set[str]] = [
 
 HEAVY = {
     "pyarrow": {
-        *("rows.table", "rows.lines", "rows.arrays", "rows.batches"),
+        *("rows.table", "rows.lines", "rows.arrays", "rows.batches", "rows.align"),
         *("rows.kinds", "export.nesting", "export.parquet_files", "export.parquet_layout"),
         *("export.csv_cells", "export.csv_layout"),
-        *("read.columns", "export.parquet", "topic_reader"),
+        *("read.columns", "export.parquet", "topic_reader", "alignment"),
     },
     "rosbags": set[str](),
-    "google": set[str](),
-    "mcap_protobuf": set[str](),
+    "google": {"read.protobuf"},
+    "mcap_protobuf": {"read.protobuf"},
     "PIL": {"run.images"},
     "rich": set[str](),
 }

@@ -59,17 +59,17 @@ def last_at(files: Sequence[File], topic: str, time: float) -> Row | None:
     """Return the last row at or before a time, in s, or None; looks into the one chunk that holds it."""
     _, end_ns = rows.to_ns_range(-math.inf, time)
     while end_ns >= 0:
-        last_ns = _last_ns(files, topic, end_ns)
-        if last_ns is None:
+        latest = last_ns(files, topic, end_ns)
+        if latest is None:
             return None
-        found = list(rows.read(files, topic, clock.to_seconds(max(last_ns - TOLERANCE_NS, 0)), time))
+        found = list(rows.read(files, topic, clock.to_seconds(max(latest - TOLERANCE_NS, 0)), time))
         if found:
             return found[-1]
-        end_ns = last_ns - 1  # its double lies behind, although its nanosecond does not
+        end_ns = latest - 1  # its double lies behind, although its nanosecond does not
     return None
 
 
-def _last_ns(files: Sequence[File], topic: str, end_ns: int) -> int | None:
+def last_ns(files: Sequence[File], topic: str, end_ns: int) -> int | None:
     """Return the latest log time of a topic up to one, in ns."""
     indexes = [file.index for file in files]
     located = plan.chunks(indexes, [index.channels_of(topic) for index in indexes], 0, end_ns)
