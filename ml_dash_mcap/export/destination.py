@@ -7,8 +7,9 @@ import errno
 import hashlib
 import os
 import shutil
+import unicodedata
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from ..errors import DestinationExistsError, StorageError
@@ -85,9 +86,30 @@ def name_of(topic: str, suffix: str) -> str:
     inside = "".join(letter if letter.isalnum() or letter in "-_. " else _percent(letter) for letter in topic)
     name = inside if inside[:1] not in (".", " ") else _percent(inside[0]) + inside[1:]
     if len((name + suffix).encode()) > _LONGEST_NAME:
-        digest = hashlib.sha256(topic.encode()).hexdigest()[:16]
-        name = f"{name[: _LONGEST_NAME // 8]}~{digest}"
+        name = f"{name[: _LONGEST_NAME // 8]}~{_digest(topic)}"
     return name + suffix
+
+
+def names_of(topics: Iterable[str], suffix: str) -> dict[str, str]:
+    """Return a file's name for each of some topics, as `name_of` does; no two differ only in upper and lower case."""
+    names: dict[str, str] = {}
+    taken: set[str] = set()
+    for topic in topics:
+        name = name_of(topic, suffix)
+        if _folded(name) in taken:
+            name = f"{name_of(topic, '')}~{_digest(topic)}{suffix}"
+        taken.add(_folded(name))
+        names[topic] = name
+    return names
+
+
+def _folded(name: str) -> str:
+    """Return what a file system that ignores case, and how accents are spelt, takes a name for."""
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+
+
+def _digest(topic: str) -> str:
+    return hashlib.sha256(topic.encode()).hexdigest()[:16]
 
 
 def _percent(letter: str) -> str:

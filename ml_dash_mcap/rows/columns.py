@@ -71,6 +71,18 @@ def _put(flat: Row, name: str, value: Any) -> None:
     flat[free] = value
 
 
+def free_names(names: Iterable[str]) -> list[str]:
+    """Return names of which none occurs twice, as `flatten` makes them: `#2` stands behind the second of two."""
+    free: dict[str, None] = {}
+    for name in names:
+        candidate, number = name, 1
+        while candidate in free:
+            number += 1
+            candidate = f"{name}#{number}"
+        free[candidate] = None
+    return list(free)
+
+
 def project(row: Mapping[str, Any], columns: Iterable[str]) -> Row:
     """Return a row with some of its fields, still nested, and `_ts`.
 

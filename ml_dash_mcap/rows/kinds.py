@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from .table import Column, tight, to_text, values_of
+from .table import Column, to_text, values_of
 
 _EXACT_INTEGERS = 2**53
 
@@ -63,12 +63,13 @@ class Kind:
         return pa.list_(self.element) if self.shape else _loose(self.type)
 
     def __add__(self, other: Kind) -> Kind:
-        """Return what holds the values of both."""
+        """Return what holds the values of both; the first one itself, if that does."""
         fits, natural = self.fits_doubles and other.fits_doubles, self.is_natural and other.is_natural
         texts = {one.is_text for one in (self, other) if not pa.types.is_null(one.type)}
         type_ = None if len(texts) > 1 else _common(self.type, other.type, fits, natural)
         has_nulls = self.has_nulls or other.has_nulls
-        return Kind(pa.string() if type_ is None else type_, has_nulls, type_ is None or True in texts, fits, natural)
+        both = Kind(pa.string() if type_ is None else type_, has_nulls, type_ is None or True in texts, fits, natural)
+        return self if both == self else both
 
 
 NOTHING = Kind(pa.null())
@@ -84,7 +85,7 @@ def of(column: Column) -> Kind:
     present = array.drop_null() if array.null_count else array
     if not len(present):
         return ABSENT if len(array) else NOTHING
-    kind = Kind(tight(present).type, has_nulls=array.null_count > 0, is_text=column.is_text)
+    kind = Kind(_tightest(present), has_nulls=array.null_count > 0, is_text=column.is_text)
     ranges = [_range(leaf) for leaf in _integers(present)]
     if not ranges:
         return kind
@@ -123,6 +124,23 @@ def leaves(array: pa.Array) -> pa.Array:
     while _is_any_list(array.type):
         array = array.flatten()
     return array
+
+
+def _tightest(array: pa.Array) -> pa.DataType:
+    """Return the type of values with a fixed size for each level of their lists, if they are arrays of one shape."""
+    whole_type, type_ = array.type, leaves(array).type
+    if not (pa.types.is_integer(type_) or pa.types.is_floating(type_)):
+        return whole_type
+    shape: list[int] = []
+    while _is_any_list(array.type):
+        lengths = pc.unique(pc.list_value_length(array))
+        if array.null_count or len(lengths) != 1 or not lengths[0].as_py():
+            return whole_type
+        shape.append(lengths[0].as_py())
+        array = array.flatten()
+    for length in reversed(shape):
+        type_ = pa.list_(type_, length)
+    return type_
 
 
 def _vectors(array: pa.Array, kind: Kind) -> pa.Array:

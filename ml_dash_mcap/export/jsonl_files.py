@@ -1,0 +1,35 @@
+"""Topics as files of JSON lines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..read.topics import TopicInfo
+from . import jsonl, per_topic
+from .job import Counter, Job
+from .json_rows import TIME_NAME
+from .selection import Selection
+
+SUFFIX = ".jsonl"
+
+_COUNTED_ROWS = 1000
+
+
+def export(job: Job) -> Path:
+    """Write one file a topic, with the lines of `read(format="jsonl")`, each with a newline at its end.
+
+    Args:
+        job: What to export.
+    """
+    return per_topic.write(job, SUFFIX, _write)
+
+
+def _write(selection: Selection, info: TopicInfo, path: Path, counter: Counter) -> None:
+    with path.open("wb") as file:
+        done = 0
+        for row in selection.flat_rows(TIME_NAME):
+            file.write(jsonl.line(row) + b"\n")
+            done += 1
+            if done % _COUNTED_ROWS == 0:
+                counter.add(_COUNTED_ROWS)
+        counter.add(done % _COUNTED_ROWS)

@@ -1,0 +1,89 @@
+"""Dotted columns as structs again."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """A struct's keys: each a column, by its dotted name, or a struct of its own."""
+
+    children: dict[str, str | Tree] = field(default_factory=dict)
+
+    def put(self, path: Sequence[str], column: str) -> None:
+        """Give a column a place."""
+        if len(path) == 1:
+            self.children[path[0]] = column
+            return
+        inner = self.children.setdefault(path[0], Tree())
+        assert isinstance(inner, Tree)
+        inner.put(path[1:], column)
+
+
+def tree(names: Iterable[str], literal: Collection[str] = ()) -> Tree:
+    """Return the nested places of dotted columns.
+
+    A key in which a dot is literal stays a column of its own, and so does everything under a top-level name of which
+    another column is a parent: `cam` beside `cam.pos`.
+
+    Args:
+        names: Of the columns.
+        literal: Those whose dots are part of a key.
+    """
+    known = list(names)
+    paths = {name: _path(name, literal) for name in known}
+    mixed = {path[0] for name, path in paths.items() if any(parent in paths for parent in _parents(name))}
+    found = Tree()
+    for name, path in paths.items():
+        found.put((name,) if path[0] in mixed else path, name)
+    return found
+
+
+def fields(found: Tree, leaf: Callable[[str], pa.Field]) -> list[pa.Field]:
+    """Return the fields of a tree.
+
+    Args:
+        found: The tree.
+        leaf: Returns the field of a column, under whatever name.
+    """
+    return [
+        pa.field(key, pa.struct(fields(inner, leaf))) if isinstance(inner, Tree) else leaf(inner).with_name(key)
+        for key, inner in found.children.items()
+    ]
+
+
+def arrays(wanted: Sequence[pa.Field], found: Tree, columns: Mapping[str, pa.Array]) -> list[pa.Array]:
+    """Return the arrays of a tree's fields; a struct whose keys are all null is null.
+
+    Args:
+        wanted: What `fields` returned.
+        found: The tree.
+        columns: By dotted name.
+    """
+    return [
+        _struct(one.type, inner, columns) if isinstance(inner, Tree) else columns[inner]
+        for one, inner in zip(wanted, found.children.values(), strict=True)
+    ]
+
+
+def _struct(type_: pa.DataType, found: Tree, columns: Mapping[str, pa.Array]) -> pa.Array:
+    wanted = [type_.field(at) for at in range(type_.num_fields)]
+    children: list[Any] = arrays(wanted, found, columns)
+    mask = functools.reduce(pc.and_, map(pc.is_null, children)) if all(one.null_count for one in children) else None
+    return pa.StructArray.from_arrays(children, fields=wanted, mask=mask)
+
+
+def _path(name: str, literal: Collection[str]) -> tuple[str, ...]:
+    parts = tuple(name.split("."))
+    return (name,) if name in literal or not all(parts) else parts
+
+
+def _parents(name: str) -> Iterable[str]:
+    return (name[:at] for at, letter in enumerate(name) if letter == ".")
