@@ -14,6 +14,7 @@ import orjson
 from . import clock, topic_reader
 from .errors import MissingRecordingError, StateError
 from .export import Job, export
+from .export.destination import refuse_existing
 from .export.job import Progress
 from .layout import (
     ABOUT_RECORD,
@@ -263,6 +264,8 @@ class Recording:
             UsageError: The format has no such option; also a TypeError.
             RangeError: The range's start lies after its end; also a ValueError.
         """
+        dest = Path(dest)
+        refuse_existing(dest)
         low, high = check_range(start, end)
         names = self._topic_names() if topics is None else list(dict.fromkeys(topics))
         for name in names:
@@ -270,7 +273,7 @@ class Recording:
                 raise not_found("topic", name, self._topic_names())
         about = {**self.run, "params": self.params}
         chosen = Lookup("topic", names, self._info)
-        return export(Job(Path(dest), self._opened(), chosen, low, high, about, progress), format, options)
+        return export(Job(dest, self._opened(), chosen, low, high, about, progress), format, options)
 
     def close(self) -> None:
         """Close the files. May be called twice."""
