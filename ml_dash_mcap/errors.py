@@ -19,10 +19,11 @@
     ├── FormatError          (ValueError)                an export format that is not known
     ├── ConversionError      (ValueError)                a topic, row or name that another format cannot say
     ├── ForeignFileError     (ValueError)                another tool's file that breaks its format's rules
-    ├── EncodingError        (ValueError)                messages in an encoding that this library does not decode
+    ├── EncodingError        (ValueError)                a schema that is broken, or has what cannot be decoded
     └── DamagedFileError     (ValueError)                a file that is no MCAP, or whose bytes contradict themselves
 
-Each is also the builtin that a caller would expect, so `except ValueError` keeps working.
+Each is also the builtin that a caller would expect, so `except ValueError` keeps working. `UndecodedWarning` (a
+UserWarning) is no error: the messages that it is about are read, as bytes.
 """
 
 from __future__ import annotations
@@ -130,7 +131,7 @@ class ForeignFileError(RecorderError, ValueError):
 
 
 class EncodingError(RecorderError, ValueError):
-    """Messages in an encoding that this library does not decode."""
+    """A schema that is broken, or that has what this library cannot decode."""
 
 
 class EntryNotFoundError(NotFoundError, StorageError):
@@ -155,3 +156,7 @@ class DamagedFileError(RecorderError, ValueError):
     def __reduce__(self) -> tuple[type[DamagedFileError], tuple[Path, int, str]]:
         """Let it pass between processes."""
         return type(self), (self.path, self.offset, self.what)
+
+
+class UndecodedWarning(UserWarning):
+    """Messages in an encoding that this library does not decode: their rows have the bytes."""

@@ -223,7 +223,7 @@ class _Walker:
     def _take_message_index(self, at: int, length: int) -> None:
         fields = self._content(at, length, at_most=6)
         channel_id, entries_length = fields.u16(), fields.u32()
-        if entries_length != length - 6 or entries_length % 16:
+        if entries_length > length - 6 or entries_length % 16:
             raise DamagedFileError(self.source.name, at, "a message index whose length contradicts itself")
         if not self.chunks or self.chunks[-1].compression == records.LOOSE:
             return

@@ -1,0 +1,244 @@
+"""Functions that read messages of one definition, written out as Python for speed."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from struct import Struct
+from typing import Any
+
+import numpy as np
+
+from ..errors import EncodingError
+from .message_types import CODES, PLACEHOLDER, STRING, Array, Basic, Definitions, Named, Type
+from .pieces import PIECES
+
+Read = Callable[[bytes, int], tuple[Any, int]]
+"""Reads at a place in a payload; returns a value and the place behind it."""
+
+_CDR_START = 4
+"""Where in a payload the positions start from which CDR aligns, in bytes."""
+
+_WIDEST = 8
+_FIELDS = 50_000
+"""How many fields of fields a message may have: a schema of a few lines can ask for more than memory holds."""
+
+_DEPTH = 40
+"""How deep messages may lie in messages, other than in lists."""
+
+
+def reader(definitions: Definitions, order: str, *, aligned: bool) -> Read:
+    """Return a function that reads a message.
+
+    What lies at places known beforehand is read with one call of `struct`; numbers in lists are read with numpy.
+
+    Args:
+        definitions: The message and those in it.
+        order: Of the bytes: "<" for little-endian, ">" for big-endian.
+        aligned: Whether numbers lie at multiples of their size, counted from behind the CDR header.
+
+    Raises:
+        EncodingError: It has a message in itself, or far too many fields.
+    """
+    return _Compiler(definitions, order, aligned).function(Named(definitions.root), _WIDEST)
+
+
+class _Compiler:
+    """Makes the functions for one definition, one for each type that stands in lists."""
+
+    def __init__(self, definitions: Definitions, order: str, aligned: bool) -> None:
+        self.definitions = definitions
+        self.order = order
+        self.aligned = aligned
+        self.fields_left = _FIELDS
+        self._names: dict[str, Any] = {"__builtins__": {}, **PIECES[order, aligned]}
+        """What the functions may refer to."""
+        self._elements: dict[Type, str] = {}
+        self._sizes: dict[str, int] = {}
+
+    def function(self, type_: Type, alignment: int) -> Read:
+        """Compile the function that reads a type.
+
+        Args:
+            type_: The type.
+            alignment: The start is known to be at a multiple of so many bytes.
+        """
+        body = _Body(self, alignment)
+        value = body.value(type_, ())
+        body.read_run()
+        source = "\n ".join(["def read(data, at):", *body.lines, f"return {value}, at"])
+        exec(compile(source, f"<{self.definitions.root}>", "exec"), self._names)
+        read: Read = self._names.pop("read")
+        return read
+
+    def element(self, type_: Type) -> str:
+        """Return the name of the function that reads an element of a list."""
+        if not self._smallest(type_):
+            what = type_.name if isinstance(type_, Named) else type_
+            raise EncodingError(f"it has a list of {what}, which takes no bytes, so that nothing bounds their number")
+        name = self._elements.get(type_)
+        if name is None:
+            name = self._elements[type_] = f"element{len(self._elements)}"
+            self._names[name] = self.function(type_, 1)
+        return name
+
+    def refer(self, prefix: str, value: Any) -> str:
+        """Give something a name that the functions can use."""
+        name = f"{prefix}{len(self._names)}"
+        self._names[name] = value
+        return name
+
+    def _smallest(self, type_: Type) -> int:
+        """Return how many bytes a value of a type has at least, without padding."""
+        if isinstance(type_, Basic):
+            return 4 if type_.name == STRING else Struct(CODES[type_.name]).size
+        if isinstance(type_, Array):
+            return 4 if type_.length is None else type_.length * self._smallest(type_.of)
+        if type_.name not in self._sizes:
+            fields = self.definitions.messages[type_.name]
+            least = 1 if self.aligned and not fields else 0
+            self._sizes[type_.name] = least + sum(self._smallest(one) for one in fields.values())
+        return self._sizes[type_.name]
+
+
+class _Body:
+    """The body of one function: lines, and numbers in a run that is still to be read."""
+
+    def __init__(self, compiler: _Compiler, alignment: int) -> None:
+        self.lines: list[str] = []
+        self._compiler = compiler
+        self._modulus, self._rest = alignment, 0
+        """The place is known to be `_rest` modulo `_modulus`."""
+        self._runs = self._count = self._size = 0
+        self._format: list[str] = []
+        """Of the run, which holds `_count` values in `_size` bytes."""
+
+    # -- values --------------------------------------------------------------------------------------------------------
+
+    def value(self, type_: Type, inside: tuple[str, ...]) -> str:
+        """Read a value; returns the expression for it, good at the end of the function.
+
+        Args:
+            type_: Its type.
+            inside: The messages that it lies in.
+        """
+        self._compiler.fields_left -= 1
+        if self._compiler.fields_left < 0 or len(inside) > _DEPTH:
+            raise EncodingError(f"it has more than {_FIELDS} fields, or is more than {_DEPTH} messages deep")
+        if isinstance(type_, Named):
+            return self._message(type_.name, inside)
+        if isinstance(type_, Array):
+            return self._array(type_, inside)
+        return self._text() if type_.name == STRING else self._numbers(type_.name, None)
+
+    def _message(self, name: str, inside: tuple[str, ...]) -> str:
+        if name in inside:
+            raise EncodingError(f"{name} has a {name} in itself")
+        fields = self._compiler.definitions.messages[name]
+        values = {key: self.value(one, (*inside, name)) for key, one in fields.items()}
+        if self._compiler.aligned and not fields:
+            self._numbers("uint8", None)
+        values.pop(PLACEHOLDER, None)
+        return "{" + ", ".join(f"{key!r}: {value}" for key, value in values.items()) + "}"
+
+    def _array(self, type_: Array, inside: tuple[str, ...]) -> str:
+        of, length = type_.of, type_.length
+        if isinstance(of, Basic) and of.name != STRING:
+            return self._list_of_numbers(of.name) if length is None else self._numbers(of.name, length)
+        if length is None:
+            count = self._counted()
+        else:
+            self.read_run()
+            count = str(length)
+        read = "texts(" if isinstance(of, Basic) else f"elements({self._compiler.element(of)}, "
+        value = self._variable()
+        self._line(f"{value}, at = {read}data, at, {count})")
+        self._forget(1)
+        return value
+
+    def _text(self) -> str:
+        count, value = self._counted(), self._variable()
+        self._line(f"{value} = text(data, at, {count})")
+        self._line(f"at += {count}")
+        self._forget(1)
+        return value
+
+    def _list_of_numbers(self, name: str) -> str:
+        count, value, size = self._counted(), self._variable(), Struct(CODES[name]).size
+        if self._compiler.aligned and size == _WIDEST:
+            self._line(f"if {count}: at = {_aligned(size)}")
+        if name == "uint8":
+            self._line(f"{value} = octets(data, at, {count})")
+        else:
+            dtype = self._compiler.refer("dtype", np.dtype(self._compiler.order + CODES[name]))
+            self._line(f"{value} = numbers(data, {dtype}, {count}, at).tolist()")
+        self._line(f"at += {count} * {size}")
+        self._forget(min(size, _CDR_START))
+        return value
+
+    # -- runs of numbers at places known beforehand --------------------------------------------------------------------
+
+    def _numbers(self, name: str, length: int | None) -> str:
+        """Add a number, or an array of known length, to the run; returns the expression for it."""
+        code = CODES[name]
+        size = Struct(code).size
+        self._align(size)
+        first, times = self._count, 1 if length is None else length
+        self._size += size * times
+        self._rest = (self._rest + size * times) % self._modulus
+        if length is not None and name == "uint8":
+            self._format.append(f"{length}s")
+            self._count += 1
+            return f"run{self._runs}[{first}]"
+        self._format.append(code if length is None else f"{length}{code}")
+        self._count += times
+        return f"run{self._runs}[{first}]" if length is None else f"[*run{self._runs}[{first}:{self._count}]]"
+
+    def _align(self, size: int) -> None:
+        if not self._compiler.aligned or size == 1:
+            return
+        if self._modulus < size:
+            self.read_run()
+            self._line(f"at = {_aligned(size)}")
+            self._modulus, self._rest = size, 0
+        padding = -self._rest % size
+        if padding:
+            self._format.append(f"{padding}x")
+            self._size += padding
+            self._rest = (self._rest + padding) % self._modulus
+
+    def read_run(self) -> None:
+        """Write the line that reads the numbers so far."""
+        if self._size:
+            try:
+                layout = Struct(self._compiler.order + "".join(self._format))
+            except (struct.error, OverflowError, MemoryError) as error:
+                raise EncodingError(f"its arrays are too long: {error}") from error
+            read = self._compiler.refer("layout", layout.unpack_from)
+            self._line(f"run{self._runs} = {read}(data, at)")
+            self._line(f"at += {layout.size}")
+            self._runs += 1
+            self._format, self._count, self._size = [], 0, 0
+
+    def _counted(self) -> str:
+        """Read a length; returns the expression for it."""
+        number = self._numbers("uint32", None)
+        self.read_run()
+        return number
+
+    # -- lines ---------------------------------------------------------------------------------------------------------
+
+    def _line(self, line: str) -> None:
+        self.lines.append(line)
+
+    def _variable(self) -> str:
+        return f"value{len(self.lines)}"
+
+    def _forget(self, modulus: int) -> None:
+        """Note that nothing is known of the place but that it is a multiple of `modulus`."""
+        self._modulus, self._rest = modulus, 0
+
+
+def _aligned(size: int) -> str:
+    """Return the expression for the next place that CDR aligns to `size` bytes."""
+    return f"(at + {size - 1 - _CDR_START % size} & -{size}) + {_CDR_START % size}"
