@@ -23,11 +23,12 @@ TAKEN_FIELDS = frozenset({"header", "ts", "field_state"})
 _CPP_KEYWORDS = frozenset(
     re.findall(
         r"\w+",
-        "alignas alignof and asm auto bitand bitor bool break case catch char class compl concept const constexpr continue"
-        " decltype default delete do double else enum explicit export extern false final float for friend goto if import"
-        " inline int long module mutable namespace new noexcept not nullptr operator or override private protected public"
-        " register requires return short signed sizeof static struct switch template this throw true try typedef typeid"
-        " typename union unsigned using virtual void volatile wchar while xor",
+        "alignas alignof and asm auto bitand bitor bool break case catch char class compl concept const"
+        " constexpr continue decltype default delete do double else enum explicit export extern false final"
+        " float for friend goto if import inline int long module mutable namespace new noexcept not nullptr"
+        " operator or override private protected public register requires return short signed sizeof static"
+        " struct switch template this throw true try typedef typeid typename union unsigned using virtual void"
+        " volatile wchar while xor",
     )
 )
 _KEYWORDS = frozenset(word.lower() for word in keyword.kwlist) | _CPP_KEYWORDS

@@ -1,0 +1,132 @@
+"""The text of our messages' definitions, and the messages that such a text describes.
+
+The comment that describes a message has no square brackets, which `rosidl` would take for a unit.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from .lossless import STATE, Field, Message, size
+
+MARK = "# ml_dash "
+"""Begins the comment."""
+
+SEPARATOR = "=" * 80
+_HEADER = "builtin_interfaces/Time stamp\nstring frame_id\n"
+_HEADER_ROS1 = "uint32 seq\ntime stamp\nstring frame_id\n"
+_TIME = "int32 sec\nuint32 nanosec\n"
+_UNIT = re.compile(r"[^\[\],#\n]{1,40}")
+_SECTION = re.compile(r"^MSG: *(?:\w+/)(?:msg/)?(\w+) *$")
+
+
+def text(message: Message, package: str) -> str:
+    """Return the definition of one message: the content of its `.msg` file."""
+    units = message.about.get("units")
+    lines = [MARK + _describe(message)]
+    if message.is_row:
+        lines += ["", "std_msgs/Header header", "float64 ts  # the exact time stamp, in seconds"]
+    if message.is_stated:
+        lines.append(f"uint8[{len(message.fields)}] {STATE}  # of each field: 0 missing, 1 present, 2 None, 3 integer")
+    for one in message.fields:
+        unit = units.get(one.key) if isinstance(units, Mapping) else None
+        lines.append(_line(one, package, unit))
+        if one.integers is not None:
+            lines.append(f"uint8{_brackets(one)} {one.integers}  # 1 where {one.name} has an integer")
+    return "\n".join(lines) + "\n"
+
+
+def embedded(message: Message, package: str, *, is_ros1: bool = False) -> str:
+    """Return the definition of a message followed by those of all messages in it, as bags carry them."""
+    parts = list(message.parts())
+    sections = [text(message, package)]
+    if message.is_row:
+        sections.append("MSG: std_msgs/Header\n" + (_HEADER_ROS1 if is_ros1 else _HEADER))
+        if not is_ros1:
+            sections.append("MSG: builtin_interfaces/Time\n" + _TIME)
+    sections += [f"MSG: {package}/{part.name}\n" + text(part, package) for part in parts[:-1]]
+    return f"{SEPARATOR}\n".join(sections)
+
+
+def parse(name: str, definition: str) -> Message | None:
+    """Return the message that a definition describes, as `embedded` writes it; None if it is not one of ours.
+
+    Args:
+        name: Of the message, with or without its package.
+        definition: With those of the messages in it.
+    """
+    described: dict[str, dict[str, Any]] = {}
+    current = name.rpartition("/")[2]
+    for line in definition.splitlines():
+        section = _SECTION.match(line)
+        if section is not None:
+            current = section[1]
+        elif line.startswith(MARK):
+            try:
+                found = json.loads(line[len(MARK) :])
+            except ValueError:
+                return None
+            if isinstance(found, dict) and isinstance(found.get("fields"), dict):
+                described[current] = found
+    try:
+        return _message(name.rpartition("/")[2], described, is_row=True)
+    except (KeyError, ValueError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _line(one: Field, package: str, unit: object) -> str:
+    kind = {"json": "string", "bytes": "uint8[]"}.get(one.kind, one.kind)
+    if one.message is not None:
+        kind = f"{package}/{one.message.name}"
+    notes = []
+    if isinstance(unit, str) and _UNIT.fullmatch(unit):
+        notes.append(f"[{unit}]")
+    if one.shape is not None and len(one.shape) > 1:
+        notes.append(f"shape {_spelled(one.shape)}, row by row")
+    if one.kind == "json":
+        notes.append("JSON")
+    return f"{kind}{_brackets(one)} {one.name}" + (f"  # {' '.join(notes)}" if notes else "")
+
+
+def _brackets(one: Field) -> str:
+    if one.shape is None:
+        return "[]"
+    return f"[{size(one.shape)}]" if one.shape else ""
+
+
+def _spelled(shape: tuple[int, ...] | None) -> str:
+    return "*" if shape is None else "x".join(map(str, shape))
+
+
+def _describe(message: Message) -> str:
+    fields: dict[str, dict[str, str]] = {}
+    for one in message.fields:
+        said = {"key": one.key} if one.key != one.name else {}
+        said["kind"] = one.kind
+        if one.shape != ():
+            said["shape"] = _spelled(one.shape)
+        if one.message is not None:
+            said["message"] = one.message.name
+        if one.integers is not None:
+            said["integers"] = one.integers
+        fields[one.name] = said
+    described: dict[str, Any] = {"version": 1, **({"stated": True} if message.is_stated else {}), "fields": fields}
+    for name, value in message.about.items():
+        described[name] = value if isinstance(value, str) else json.dumps(value)
+    return json.dumps(described).replace("[", "\\u005b").replace("]", "\\u005d")
+
+
+def _message(name: str, described: Mapping[str, dict[str, Any]], *, is_row: bool) -> Message:
+    said = described[name]
+    fields = []
+    for field_name, one in said["fields"].items():
+        inner = _message(one["message"], described, is_row=False) if "message" in one else None
+        spelled = one.get("shape", "")
+        shape = None if spelled == "*" else tuple(int(length) for length in spelled.split("x") if length)
+        fields.append(Field(one.get("key", field_name), field_name, one["kind"], shape, inner, one.get("integers")))
+    known = ("version", "stated", "fields")
+    about = {key: value if key == "topic" else json.loads(value) for key, value in said.items() if key not in known}
+    return Message(name, tuple(fields), bool(said.get("stated", False)), is_row, about)

@@ -1,0 +1,83 @@
+"""ROS's own tools take the package that we write for our messages."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ml_dash_mcap.ros import package
+from ml_dash_mcap.ros.lossless import Message
+from tests.ros.test_lossless import PACKAGE, designed, timed
+
+PROGRAM = Path(__file__).parent.parent / "support/ros/check_package.py"
+SYSTEM_PYTHON = "/usr/bin/python3"
+
+
+def with_rosidl(folder: Path) -> dict[str, dict[str, list[str]]]:
+    command = [SYSTEM_PYTHON, "-c", "import rosidl_adapter, rosidl_parser"]
+    try:
+        there = subprocess.run(command, capture_output=True, timeout=60).returncode == 0
+    except OSError:
+        there = False
+    if not there and not os.environ.get("CI"):
+        pytest.skip("Debian's python3-rosidl is not installed; ROS's own parser is not asked")
+    command = [SYSTEM_PYTHON, str(PROGRAM), str(folder), PACKAGE]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    found: dict[str, dict[str, list[str]]] = json.loads(done.stdout[done.stdout.index("\n{") :])
+    return found
+
+
+def write(folder: Path, *messages: Message) -> Path:
+    for name, text in package.files(messages, PACKAGE).items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return folder
+
+
+def test_ros_parses_the_messages_and_finds_their_units(tmp_path: Path) -> None:
+    rows: list[dict[str, Any]] = [
+        {
+            "q": [0.5] * 7,
+            "eeQuat": [0.0, 0.0, 0.0, 1.0],
+            "class": "a",
+            "T": [[0.5] * 4] * 4,
+            "mixed": 1,
+            "ints": [1, 0.5],
+            "nested": {"deep": {"x [m]": 1.0}, "text": 'say "hi" \\ *'},
+            "contacts": [{"body": "a", "force": [1.0, 2.0, 3.0]}],
+            "image": b"\0",
+            "note": None,
+        },
+        {"mixed": 0.5, "contacts": []},
+    ]
+    robot = designed(timed(rows))
+    about = {"topic": 'a "b" [c]', "units": {"q": "rad", "T": "m"}, "metadata": {"joint_names": ["a", "b"]}}
+    robot = Message(robot.name, robot.fields, robot.is_stated, about=about)
+    empty = Message("Empty", (), False, about={"topic": "empty"})
+    found = with_rosidl(write(tmp_path, robot, empty))
+    assert sorted(found) == ["Empty", "RobotArm", "RobotArmContacts", "RobotArmNested", "RobotArmNestedDeep"]
+    assert list(found["Empty"]) == ["header", "ts"]
+    assert list(found["RobotArm"]) == [
+        *("header", "ts", "field_state", "q", "ee_quat", "f_class", "t", "mixed", "ints", "ints_integers"),
+        *("nested", "contacts", "image", "note"),
+    ]
+    units = {name: unit for fields in found.values() for name, unit in fields.items() if unit}
+    assert units == {"q": ["rad"], "t": ["m"]}
+
+
+def test_the_package_is_described_for_both_generations_of_ros(tmp_path: Path) -> None:
+    files = package.files([designed(timed([{"a": {"b": 1}}]))], PACKAGE)
+    assert sorted(files) == ["CMakeLists.txt", "msg/RobotArm.msg", "msg/RobotArmA.msg", "package.xml"]
+    root = ElementTree.fromstring(files["package.xml"])
+    assert root.findtext("name") == PACKAGE
+    assert [one.text for one in root.findall("depend")] == ["builtin_interfaces", "std_msgs"]
+    assert "msg/RobotArm.msg" in files["CMakeLists.txt"]
+    assert "${messages}" in files["CMakeLists.txt"]
