@@ -27,7 +27,7 @@ class RecorderOptions:
     flush_interval_s: float = 1.0
     """Rows reach the file at the latest this many seconds after `append`. Their journal protects them before that."""
 
-    chunk_bytes: int = 1 * MIB
+    chunk_bytes: int = 3 * MIB // 2
     """Size of a journal buffer, and so of an uncompressed chunk, in bytes (64 KiB to 4 MB: the viewers' limits)."""
 
     compression: Compression = "zstd"

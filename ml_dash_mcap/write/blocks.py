@@ -12,6 +12,7 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+import numpy.ma  # numpy.unique() would load it at the first block: 20 ms, beside a control loop
 import numpy.typing as npt
 import orjson
 from mcap.data_stream import ReadDataStream

@@ -25,13 +25,10 @@ from ..options import RecorderOptions
 from . import records
 from .buffer import Buffer
 from .session import SessionFiles
+from .turns import State, Turns
 
 _POLL_S = 0.0005
-_LONGEST_TURN_S = 0.05
 _LONGEST_WAIT_S = 3600.0
-
-_FAR_AHEAD = 2
-"""Sealed buffers that wait for the writer when an appending thread begins to make room for it."""
 
 _ROOM_BESIDES = 512
 """Bytes of a buffer that the prologue takes besides the topics."""
@@ -59,9 +56,7 @@ class Journal:
         """What keeps the writer from writing at the moment, if anything; appends that cannot wait for it raise it."""
         self.eager: Callable[[], object] | None = None
         """Called after each `append`, where the options ask for writing sooner than a buffer is full."""
-        self.writer_needs_no_interpreter = False
-        """True while the writer compresses. An appending thread that is far ahead of it waits for that once a buffer,
-        so that both get on: the writer would have to wait 5 ms for every turn otherwise."""
+        self.turns = Turns()
         self.writer_ident: int | None = None
         """Which thread recycles the buffers, and so must not wait for one."""
         self._registry = b""
@@ -285,6 +280,7 @@ class Journal:
                     self.dropped[topic] = self.dropped.get(topic, 0) + rows
             if is_refused:
                 return self._refuse(topic, failure)
+            self.turns.hurry()
             time.sleep(_POLL_S)  # what else can be waited on has a lock that a signal handler would wait for, too
 
     def _cannot_wait(self) -> bool:
@@ -303,11 +299,9 @@ class Journal:
         raise BacklogFullError(f"{what}; not taken")
 
     def _give_way(self) -> None:
-        """Let a writer that is behind have the interpreter for a moment."""
-        if self._sealed.qsize() >= _FAR_AHEAD and self.options.on_full == "block":
-            until = time.monotonic() + _LONGEST_TURN_S
-            while not self.writer_needs_no_interpreter and time.monotonic() < until and not self._sealed.empty():
-                time.sleep(_POLL_S / 2)
+        """Let the writer have the interpreter for a moment."""
+        if self.options.on_full == "block" and not self._cannot_wait():
+            self.turns.stand_back(self._sealed_rows, self._sealed.qsize)
 
     # -- sealing -------------------------------------------------------------------------------------------------------
 
@@ -384,14 +378,26 @@ class Journal:
 
     def take(self, timeout_s: float) -> tuple[Buffer, ...] | int | None:
         """Return the next sealed buffers or mark, or None after a while without one."""
+        if self._sealed.empty():
+            self.turns.is_hurried = False
+        self.turns.writer = State.RESTING
         try:
             return self._sealed.get(timeout=min(max(timeout_s, 0.0), _LONGEST_WAIT_S))
         except queue.Empty:
             return None
+        finally:
+            self.turns.writer = State.RUNNING
 
-    def mark(self, number: int) -> None:
-        """Put a mark behind all that is sealed; `take` returns it when it comes to it."""
+    def mark(self, number: int, *, is_awaited: bool = True) -> None:
+        """Put a mark behind all that is sealed; `take` returns it when it comes to it.
+
+        Args:
+            number: The mark.
+            is_awaited: Whether somebody waits until it is reached.
+        """
         self._sealed.put(number)
+        if is_awaited:
+            self.turns.hurry()
 
     def recycle(self, buffer: Buffer) -> None:
         """Take back a buffer whose rows are in the file."""

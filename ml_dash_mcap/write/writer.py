@@ -13,6 +13,7 @@ from .blocks import BlockWriter
 from .buffer import Buffer
 from .chunk import Compressed, Compressor
 from .journal import Journal
+from .turns import State, Turns
 
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.05, 1.0
 _CLOSE_PATIENCE_S = 5.0
@@ -34,17 +35,17 @@ _log = logging.getLogger("ml_dash_mcap")
 class _Alongside:
     """A compressor that says when it is at work, which needs no interpreter."""
 
-    def __init__(self, compress: Compressor, journal: Journal) -> None:
+    def __init__(self, compress: Compressor, turns: Turns) -> None:
         self.name = compress.name
         self._compress = compress
-        self._journal = journal
+        self._turns = turns
 
     def __call__(self, block: memoryview) -> Compressed:
-        self._journal.writer_needs_no_interpreter = True
+        self._turns.writer = State.COMPRESSING
         try:
             return self._compress(block)
         finally:
-            self._journal.writer_needs_no_interpreter = False
+            self._turns.compressed()
 
 
 class Writer:
@@ -67,7 +68,7 @@ class Writer:
         self._stopping = threading.Event()
         self._give_up_at = float("inf")
         self._last_sync = self._last_seal = time.monotonic()
-        blocks.compress = _Alongside(blocks.compress, journal)
+        blocks.compress = _Alongside(blocks.compress, journal.turns)
         self._thread = threading.Thread(target=self._run, name="ml_dash_mcap writer", daemon=True)
         self._thread.start()
 
@@ -158,7 +159,7 @@ class Writer:
         interval = self._journal.options.sync_interval_s
         if interval and now - self._last_sync >= interval - self._tick_s() / 2:
             self._last_sync = now
-            self._journal.mark(_SYNC)
+            self._journal.mark(_SYNC, is_awaited=False)
 
     def _tick_s(self) -> float:
         options = self._journal.options

@@ -1,0 +1,98 @@
+"""Who runs Python while a thread appends at full speed: that thread, or the writer.
+
+A thread that appends without a pause holds the interpreter lock all the time. The writer has to ask for it and gets it
+after the switch interval, 5 ms, each time it needs it, and each time the appender stands still for a moment. So they
+take turns instead: an appender that has filled a buffer stands back until the writer compresses, which needs no
+interpreter; and a writer that is done with that waits until the appender stands back again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import time
+from collections.abc import Callable
+from enum import Enum, auto
+
+_FULL_SPEED_ROWS_PER_S = 50_000
+"""A thread that appends faster than this does hardly anything else."""
+
+_LONGEST_TURN_S = 0.05
+_POLL_S = 0.00025
+_FAR_AHEAD = 2
+"""Sealed buffers that wait for the writer when an appender stands back although it compresses."""
+
+
+class State(Enum):
+    """What the writer thread does."""
+
+    RESTING = auto()
+    """It waits for a buffer."""
+    RUNNING = auto()
+    """It needs the interpreter."""
+    COMPRESSING = auto()
+
+
+class Turns:
+    """Appending threads call `stand_back`, the writer thread `compressed`, any thread `hurry`.
+
+    A signal handler may come anywhere, and nothing here has a lock that it would wait for.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self.writer = State.RESTING
+        """Set by the writer thread."""
+        self.is_hurried = False
+        """Whether somebody waits for the writer; it takes that back when nothing is left to do."""
+        self._standing_back = 0
+        self._full_speed_until_s = 0.0
+        self._last_s = clock()
+        self._last_rows = 0
+        self._wake: queue.SimpleQueue[None] = queue.SimpleQueue()
+
+    def stand_back(self, rows: int, waiting: Callable[[], int]) -> None:
+        """Let the writer run, if the caller appends at full speed; called whenever a buffer may have been filled.
+
+        Args:
+            rows: How many are in the buffers filled so far.
+            waiting: Says how many of these the writer has not begun with.
+        """
+        count, begun_s = rows - self._last_rows, self._clock()
+        took_s = begun_s - self._last_s
+        if not count:
+            return
+        self._last_rows, self._last_s = rows, begun_s
+        if count < took_s * _FULL_SPEED_ROWS_PER_S:
+            return
+        self._standing_back += 1
+        try:
+            self._wake.put(None)
+            while not self._is_my_turn(waiting()) and self._clock() < begun_s + _LONGEST_TURN_S:
+                time.sleep(_POLL_S)
+        finally:
+            self._standing_back -= 1
+            self._last_s = self._clock()
+            self._full_speed_until_s = self._last_s + 2 * took_s
+
+    def _is_my_turn(self, behind: int) -> bool:
+        if self.writer is State.COMPRESSING:
+            return behind < _FAR_AHEAD
+        return self.writer is State.RESTING and not behind
+
+    def hurry(self) -> None:
+        """Have the writer wait for no turn until all is written."""
+        self.is_hurried = True
+        self._wake.put(None)
+
+    def compressed(self) -> None:
+        """Wait, on the writer thread, until the thread that appends at full speed stands back or stops."""
+        self.writer = State.RUNNING
+        while not self._wake.empty():
+            self._wake.get()
+        while not (self._standing_back or self.is_hurried):
+            rest_s = self._full_speed_until_s - self._clock()
+            if rest_s <= 0:
+                return
+            with contextlib.suppress(queue.Empty):
+                self._wake.get(timeout=rest_s)
