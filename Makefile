@@ -37,9 +37,10 @@ format: $(VENV)/dev  ## put the code into its format
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(VENV)/dev  ## measure beside the peers and write docs/benchmarks.md (about half an hour)
+bench: $(VENV)/dev  ## measure beside the peers and write docs/benchmarks.md (about an hour)
 	$(PIP) install -e '.[bench]'
 	$(BIN)/python tools/bench_append.py --out docs/benchmarks.md
+	$(BIN)/python tools/bench_read.py --out docs/benchmarks.md
 
 clean:  ## remove what the targets made
 	rm -rf $(VENV) .dash .dreamlake .pytest_cache .mypy_cache .ruff_cache

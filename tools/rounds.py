@@ -65,7 +65,9 @@ def answer(order: str, run: Callable[[Order], Figures]) -> None:
     os.dup2(2, 1)  # what the contenders print goes elsewhere
     try:
         figures = run(json.loads(order))
-    except ImportError as error:
+    except ModuleNotFoundError as error:
+        if "." in (error.name or "."):  # a part of a package is missing, not the package
+            raise
         figures = {"absent": "missing", "why": str(error)}
     print(json.dumps(figures), file=out, flush=True)
 
