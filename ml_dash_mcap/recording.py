@@ -6,6 +6,8 @@ import errno
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +29,8 @@ from .layout import (
     SESSION_GLOB,
 )
 from .lookup import Lookup, not_found
-from .read import rows, topics
+from .read import attachments, counts, overview, rows, topics
+from .read.attachments import Attachments
 from .read.file import File
 from .read.rows import check_range
 from .read.segments import Segments
@@ -232,6 +235,11 @@ class Recording:
         """What was said about the files that were saved with the run, in time order."""
         return list(rows.read(self._opened(), FILE_TOPIC))
 
+    @property
+    def attachments(self) -> Attachments:
+        """The files inside it, by name: `rec.attachments["calibration.json"].read()`. The last one of a name counts."""
+        return attachments.find(self._opened())
+
     def export(
         self,
         dest: str | Path,
@@ -287,7 +295,15 @@ class Recording:
         self.close()
 
     def __repr__(self) -> str:
-        return f"Recording({str(self.path)!r}, {len(self._segments.files)} segments)"
+        if self._closed:
+            return f"<Recording {str(self.path)!r}, closed>"
+        files = self._opened()
+        counters = {name: partial(counts.count, files, name) for name in self._topic_names()}
+        return overview.line(str(self.path), len(files), self.duration, counters)
+
+    def _repr_html_(self) -> str:
+        """Return the topics as a table, which notebooks show."""
+        return escape(repr(self)) if self._closed else overview.table(repr(self), self.topics)
 
     def _opened(self) -> list[File]:
         if self._closed:

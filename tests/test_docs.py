@@ -15,6 +15,7 @@ import pytest
 import ml_dash_mcap
 from ml_dash_mcap import errors, layout, options
 from ml_dash_mcap.options import RecorderOptions
+from ml_dash_mcap.read.attachments import Attachment, Attachments
 from ml_dash_mcap.read.topics import TopicInfo
 from ml_dash_mcap.recording import TopicReader
 from ml_dash_mcap.run.files import Files
@@ -38,7 +39,7 @@ EXPORTED = [getattr(ml_dash_mcap, name) for name in ml_dash_mcap.__all__]
 CLASSES = [
     *(found for found in EXPORTED if inspect.isclass(found)),
     *(Run, Tracks, Track, TrackSlice, Metrics, Metric, Parameters, Logs, Files),
-    *(SessionTrack, SessionFiles, SessionFile, TopicReader, TopicInfo),
+    *(SessionTrack, SessionFiles, SessionFile, TopicReader, TopicInfo, Attachment, Attachments),
 ]
 """What is exported, and what that returns."""
 
