@@ -152,7 +152,7 @@ def _properties(schema: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _is_stored_alike(first: Kind, second: Kind) -> bool:
-    return bool(first.stored == second.stored) and first.shape == second.shape
+    return bool(first.stored == second.stored) and (first.shape, first.is_text) == (second.shape, second.is_text)
 
 
 def _values(block: Block, name: str) -> Column:

@@ -1,0 +1,102 @@
+"""The kind of a column covers all its blocks, whichever came first."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ml_dash_mcap.rows import kinds
+from ml_dash_mcap.rows.kinds import Kind
+from ml_dash_mcap.rows.table import Column, block_of, values_of
+
+NUMBERS = st.one_of(st.integers(-(2**63), 2**64 - 1), st.integers(-3, 3), st.floats(allow_nan=False))
+VALUES = st.one_of(
+    st.none(),
+    st.booleans(),
+    NUMBERS,
+    st.text(max_size=2),
+    st.lists(st.floats(-1, 1), min_size=2, max_size=2),
+    st.lists(st.integers(-3, 3), max_size=3),
+    st.lists(st.lists(NUMBERS, min_size=2, max_size=2), min_size=2, max_size=2),
+    st.lists(st.fixed_dictionaries({"a": NUMBERS, "b": st.lists(NUMBERS, max_size=1)}), max_size=2),
+)
+BLOCKS = st.lists(st.lists(VALUES, min_size=1, max_size=3), min_size=1, max_size=3)
+
+
+def column(values: list[Any]) -> Column:
+    return block_of([{"x": value} for value in values]).columns["x"]
+
+
+def kind(*blocks: list[Any]) -> Kind:
+    found = kinds.NOTHING
+    for values in blocks:
+        found += kinds.of(column(values))
+    return found
+
+
+def canonical(value: Any) -> Any:
+    """Numbers as they compare, arrays without their shape."""
+    if isinstance(value, list):
+        return [canonical(element) for element in value]
+    if isinstance(value, dict):
+        return {key: canonical(value[key]) for key in sorted(value)}
+    return float(value) if type(value) is int and abs(value) <= 2**53 else value
+
+
+def flat(value: Any) -> list[Any]:
+    return [leaf for inner in value for leaf in flat(inner)] if isinstance(value, list) else [value]
+
+
+@given(BLOCKS)
+def test_every_value_comes_back_from_the_type_that_covers_all_blocks(blocks: list[list[Any]]) -> None:
+    covering = kind(*blocks)
+    for values in blocks:
+        array = kinds.cast(column(values), covering)
+        assert array.type == covering.stored
+        for given_, stored in zip(values, values_of(Column(array, covering.is_text)), strict=True):
+            if covering.shape and given_ is not None:
+                given_ = flat(given_)
+            assert repr(canonical(stored)) == repr(canonical(given_))
+
+
+@given(BLOCKS)
+def test_the_order_of_blocks_makes_no_difference(blocks: list[list[Any]]) -> None:
+    forward, backward = kind(*blocks), kind(*blocks[::-1])
+    assert (forward.stored, forward.has_nulls, forward.shape) == (backward.stored, backward.has_nulls, backward.shape)
+
+
+@given(BLOCKS)
+def test_what_is_covered_already_changes_nothing(blocks: list[list[Any]]) -> None:
+    covering = kind(*blocks)
+    for values in blocks:
+        assert covering + kinds.of(column(values)) is covering
+
+
+@pytest.mark.parametrize(
+    ("blocks", "stored", "shape"),
+    [
+        ([[1], [2.5]], pa.float64(), ()),
+        ([[2**53 + 1], [2.5]], pa.string(), ()),
+        ([[1], [2**63]], pa.uint64(), ()),
+        ([[-1], [2**63]], pa.string(), ()),
+        ([[1], ["a"]], pa.string(), ()),
+        ([[True], [1]], pa.string(), ()),
+        ([[None], [b"a"]], pa.binary(), ()),
+        ([[None]], pa.null(), ()),
+        ([[[1.0, 2.0]], [[3, 4]]], pa.list_(pa.float64(), 2), (2,)),
+        ([[[1.0, 2.0]], [None]], pa.list_(pa.float64()), (2,)),
+        ([[[1.0, 2.0]], [[1.0]]], pa.list_(pa.float64()), ()),
+        ([[[1.0, 2.0]], [[]]], pa.list_(pa.float64()), ()),
+        ([[[[1, 2], [3, 4]]], [[[5.5, 6], [7, 8]]]], pa.list_(pa.float64(), 4), (2, 2)),
+        ([[[[1, 2], [3, 4]]], [[[1, 2]]]], pa.list_(pa.list_(pa.int64())), ()),
+        ([[["a"], ["b"]]], pa.list_(pa.string()), ()),
+    ],
+)
+def test_a_kind_is_stored_in_the_narrowest_type_that_every_reader_knows(
+    blocks: list[list[Any]], stored: pa.DataType, shape: tuple[int, ...]
+) -> None:
+    assert (kind(*blocks).stored, kind(*blocks).shape) == (stored, shape)
