@@ -17,7 +17,7 @@ Row = dict[str, Any]
 Convert = Callable[[Any], Any]
 
 
-@functools.lru_cache(maxsize=1024)
+@functools.lru_cache(maxsize=256)
 def decoder(name: str, data: bytes) -> Callable[[bytes], Row]:
     """Return the function that turns a message's bytes into a row, with the fields as its .proto file has them.
 

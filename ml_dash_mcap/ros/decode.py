@@ -19,8 +19,11 @@ _CDR_HEAD = 4
 _PADDING = 3
 """Bytes that may follow a CDR message, so that its length is a multiple of 4."""
 
+_TEXT_CHARACTERS = 4 * 1024 * 1024
+"""How long a definition may be, with all that it needs."""
 
-@functools.lru_cache(maxsize=1024)
+
+@functools.lru_cache(maxsize=256)
 def decoder(name: str, schema_encoding: str, text: str, *, is_ros1: bool = False) -> Decoder:
     """Return the function that turns a message's bytes into a row: nested messages are dicts, `uint8[]` is bytes.
 
@@ -35,6 +38,8 @@ def decoder(name: str, schema_encoding: str, text: str, *, is_ros1: bool = False
     Raises:
         EncodingError: The definition is broken, or has what cannot be decoded.
     """
+    if len(text) > _TEXT_CHARACTERS:
+        raise EncodingError(f"it is {len(text)} characters long, of {_TEXT_CHARACTERS} at most")
     try:
         found = idl.parse(name, text) if schema_encoding.endswith("idl") else _parse(name, text, schema_encoding)
         return _ros1(found) if is_ros1 else _cdr(found)

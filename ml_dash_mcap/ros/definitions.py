@@ -29,8 +29,8 @@ _LINE = re.compile(
     r"""(?P<type>[A-Za-z][A-Za-z0-9_/]*)
         (?:<=[0-9]+)?                             # the bound of a text, which changes nothing on the wire
         (?P<array>\[(?:<=[0-9]+|[0-9]{0,10})\])?\s+
-        (?P<name>[A-Za-z_][A-Za-z0-9_]*)\s*
-        (?P<rest>.*)""",
+        (?P<name>[A-Za-z_][A-Za-z0-9_]*)
+        \s*(?P<rest>(?:(?<=\s)|[=\#]).*|)      # a constant's or default value, a comment""",
     re.VERBOSE,
 )
 
