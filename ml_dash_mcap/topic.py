@@ -126,7 +126,8 @@ class Topic:
 
         Args:
             _ts: Time stamps, [N], s.
-            **columns: One value a row each: arrays [N, ...] or sequences of length N.
+            **columns: One value a row each: arrays [N, ...] or sequences of length N. A row that is masked in a masked
+                array lacks that field; a dict of arrays is a dict in each row. All columns beside such must be numbers.
 
         Returns:
             The topic itself.

@@ -14,7 +14,7 @@ import orjson
 from .. import clock
 from ..errors import FieldError, TimestampError
 from ..rows.encode import TIME_KEY, exact
-from . import records
+from . import gappy_columns, records
 
 _SLICE = 512
 """Rows encoded at a time: the encoder keeps other threads waiting while it works."""
@@ -54,6 +54,10 @@ def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes) ->
     times = _times(times_s, topic)
     for name in columns:
         _check_name(name, topic)
+    if any(gappy_columns.is_gappy(column) for column in columns.values()):
+        for name, column in columns.items():
+            gappy_columns.check(name, column, len(times), topic)
+        return (Encoded(*rows) for rows in gappy_columns.slices(times, columns, topic, head, _SLICE))
     arrays = {name: _column(name, column, len(times), topic) for name, column in columns.items()}
     plain = {name: array for name, array in arrays.items() if _is_bulk(array)}
     if len(plain) < len(arrays):  # a value that cannot be stored is an error before any row is taken
