@@ -27,6 +27,8 @@ EXPORTERS: Mapping[str, str] = {
     "csv": "csv_files",
     "jsonl": "jsonl_files",
     "dreamlake": "dreamlake",
+    "mocap": "mocap_files",
+    "sto": "sto",
 }
 """What `Recording.export(format=...)` takes, to the module here whose `export(job, **options)` does it."""
 

@@ -1,0 +1,177 @@
+"""The clock of a take: the times of the topics' rows, or a rate that they are resampled to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import clock as clocks
+from ..clock import NS_PER_S
+from ..errors import ConversionError, OptionError
+from ..mocap import frames
+from ..mocap.frames import Spacing
+from ..read import counts, rows
+from ..rows.encode import TIME_KEY
+from .job import Job
+
+Rate = float | Literal["median"] | None
+"""Frames a second, or the rate of the samples; None for the samples as they are, which must be evenly spaced."""
+
+_HIGHEST_RATE = 1e6
+
+
+class Part(NamedTuple):
+    """Some frames of a clock."""
+
+    frames: npt.NDArray[np.int64]
+    times: npt.NDArray[np.float64]
+    """Of the frames, as `_ts`, in s; without a sample, a time between the neighbours."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Which frames there are, and when."""
+
+    origin: float
+    """The time stamp from which the file's times count, in s."""
+    rate: float
+    """Frames a second; 0.0 if there are fewer than two."""
+    count: int
+    is_resampled: bool
+    medians_ns: dict[str, float]
+    """The median distance of each topic's samples, in ns."""
+    times_ns: npt.NDArray[np.int64]
+    """Of all samples, ascending, if they are written as they are."""
+    numbers: npt.NDArray[np.int64]
+    """The frame of each of them."""
+    first_s: float
+    """The first time stamp, in s."""
+
+    def part(self, first: int, stop: int) -> Part:
+        """Return the frames [first, stop)."""
+        which = np.arange(first, stop)
+        if self.is_resampled:
+            return Part(which, self.first_s + which / self.rate)
+        after = np.minimum(np.searchsorted(self.numbers, which), len(self.numbers) - 1)
+        before = np.maximum(after - 1, 0)
+        span = np.maximum(self.numbers[after] - self.numbers[before], 1)
+        back = (self.numbers[after] - which) * (self.times_ns[after] - self.times_ns[before]) / span
+        times = self.times_ns[after] - np.rint(back).astype(np.int64)
+        return Part(which, np.array(clocks.to_seconds_each(times.tolist())))
+
+    def frames_of(self, times: npt.NDArray[np.float64], topic: str) -> npt.NDArray[np.int64]:
+        """Return the frames of a topic's rows, by their time stamps, ascending, in s.
+
+        Raises:
+            ConversionError: Two of them have the same.
+        """
+        found = self.numbers[self._find(times)]
+        if len(found) > 1 and not np.diff(found).all():
+            at = int((np.diff(found) == 0).argmax())
+            raise ConversionError(
+                f"topic {topic!r}: its rows at _ts={float(times[at])!r} and {float(times[at + 1])!r} are in the same"
+                " nanosecond; pass rate= to resample"
+            )
+        return found
+
+    def _find(self, times: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
+        """Return which sample each time is."""
+        times_ns = clocks.to_nanoseconds_each(times).astype(np.int64)
+        after = np.minimum(np.searchsorted(self.times_ns, times_ns), len(self.times_ns) - 1)
+        before = np.maximum(after - 1, 0)
+        is_before = np.abs(self.times_ns[before] - times_ns) < np.abs(self.times_ns[after] - times_ns)
+        return np.where(is_before, before, after)
+
+
+def find(
+    job: Job,
+    topics: Iterable[str],
+    rate: Rate,
+    *,
+    needs_even: bool = True,
+    with_origin: Iterable[str] = (),
+) -> Clock:
+    """Lay the clock of a take.
+
+    Args:
+        job: Its recording and time range.
+        topics: That have a part in it.
+        rate: Frames a second, "median", or None.
+        needs_even: Whether the format has no times of its own, so that samples must be evenly spaced.
+        with_origin: Topics that are written with the same origin, elsewhere.
+
+    Raises:
+        ConversionError: They are not, and no rate was given; or there are no rows.
+        OptionError: The rate is none.
+    """
+    check_rate(rate)
+    low, high = rows.to_ns_range(job.low, job.high)
+    topics = list(dict.fromkeys(topics))
+    every = {
+        topic: np.unique(counts.times(job.files, topic, low, high)).astype(np.int64)
+        for topic in dict.fromkeys((*topics, *with_origin))
+    }
+    times = {topic: every[topic] for topic in topics if len(every[topic])}
+    if not times:
+        raise ConversionError("there are no rows to export in this time range")
+    spacings = {topic: frames.spacing(found) for topic, found in times.items()}
+    medians = {topic: one.median_ns for topic, one in spacings.items()}
+    medians.update((topic, 0.0) for topic in topics if topic not in medians)
+    union = np.unique(np.concatenate(list(times.values())))
+    first_s = _first(job, times)
+    started = {topic: found for topic, found in every.items() if len(found)}
+    last_ns = max(int(found[-1]) for found in started.values())
+    origin = frames.exact_origin(_first(job, started), clocks.to_seconds(last_ns + 1))
+    if rate is None:
+        numbers = _numbers(union, spacings) if needs_even else np.arange(len(union))
+        mean = frames.mean_rate(union, numbers)
+        return Clock(origin, mean, int(numbers[-1]) + 1, False, medians, union, numbers, first_s)
+    known = [median for median in medians.values() if median]
+    hz = float(rate) if rate != "median" else (NS_PER_S / min(known) if known else 0.0)
+    count = frames.count_at(hz, first_s, clocks.to_seconds(int(union[-1]))) if hz else 1
+    none: npt.NDArray[np.int64] = np.empty(0, np.int64)
+    return Clock(origin, hz, count, True, medians, none, none, first_s)
+
+
+def check_rate(rate: Rate) -> None:
+    """Raise OptionError unless something is a rate."""
+    if rate is None or rate == "median":
+        return
+    is_number = isinstance(rate, (int, float)) and not isinstance(rate, bool)
+    if not is_number or not 0 < rate <= _HIGHEST_RATE:
+        raise OptionError(f"rate={rate!r}: pass frames a second, above 0, or 'median', or None for the rows' own times")
+
+
+def _first(job: Job, times: dict[str, npt.NDArray[np.int64]]) -> float:
+    """Return the exact time stamp of the first row of several topics, in s."""
+    first_ns = min(found[0] for found in times.values())
+    starting = [topic for topic, found in times.items() if found[0] == first_ns]
+    return min(float(next(job.selection(topic).rows())[TIME_KEY]) for topic in starting)
+
+
+def _numbers(union: npt.NDArray[np.int64], spacings: dict[str, Spacing]) -> npt.NDArray[np.int64]:
+    both = frames.spacing(union)
+    if both.frames is None:
+        named = next(((topic, one) for topic, one in spacings.items() if one.frames is None), None)
+        if named is None:
+            names = " and ".join(repr(topic) for topic in spacings)
+            said = f"the topics {names} are evenly spaced each, but not at the same times"
+        else:
+            topic, one = named
+            said = (
+                f"topic {topic!r} is not evenly spaced: its rows are {one.shortest_ns / 1e6:.6g} to"
+                f" {one.longest_ns / 1e6:.6g} ms apart (median {one.median_ns / 1e6:.6g} ms), for the first time at"
+                f" _ts={clocks.to_seconds(one.worst_ns)!r}"
+            )
+        nearest = round(max(one.rate for one in spacings.values()), 3)
+        raise ConversionError(f"{said}; pass rate={nearest:g} or rate='median' to resample")
+    if frames.too_sparse(both.frames):
+        raise ConversionError(
+            f"{len(both.frames)} rows would become {int(both.frames[-1]) + 1} frames, for there are gaps between them;"
+            " choose a part by start= and end="
+        )
+    return both.frames

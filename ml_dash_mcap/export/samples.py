@@ -1,0 +1,143 @@
+"""A topic's numbers, time range by time range, as one matrix of doubles."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from ..errors import ConversionError
+from ..mocap.objects import Source
+from ..rows import arrays
+from ..rows.encode import TIME_KEY
+from ..rows.table import to_table
+from .job import Counter
+from .selection import Selection
+
+if TYPE_CHECKING:
+    from ..rows.table import Block
+
+Floats = npt.NDArray[np.float64]
+
+
+class Samples:
+    """Reads a topic once, from its first row to its last; memory holds what was asked for last."""
+
+    def __init__(self, selection: Selection, sources: Sequence[Source], counter: Counter) -> None:
+        self._topic = selection.topic
+        self._shapes = {column: source.shape for source in sources for column in source.columns}
+        self._at: dict[str, int] = {}
+        width = 0
+        for column, shape in self._shapes.items():
+            self._at[column] = width
+            width += math.prod(shape)
+        self._blocks = replace(selection, columns=[*self._shapes]).blocks()
+        self._counter = counter
+        self._times: Floats = np.empty(0)
+        self._values: Floats = np.empty((0, width))
+        self._is_over = False
+
+    def places(self, source: Source) -> list[int]:
+        """Return in which columns of the matrix a source's numbers stand."""
+        size = math.prod(source.shape)
+        every = [self._at[column] + number for column in source.columns for number in range(size)]
+        return every[source.start : source.stop]
+
+    def between(self, low: float, high: float) -> tuple[Floats, Floats]:
+        """Return the rows with low <= time <= high; no later call may ask for rows before `low`.
+
+        Returns:
+            Their times, [N], s, and their numbers, [N, k], NaN where one is missing or not finite.
+
+        Raises:
+            ConversionError: A field's value has another shape than the others.
+        """
+        parts = [(self._times, self._values)]
+        last = self._times[-1] if len(self._times) else -math.inf
+        while last <= high and not self._is_over:
+            block = next(self._blocks, None)
+            if block is None:
+                self._is_over = True
+                break
+            parts.append(self._matrix(block))
+            last = parts[-1][0][-1]
+            self._counter.add(block.count)
+        times = np.concatenate([part for part, _ in parts])
+        values = np.concatenate([part for _, part in parts])
+        first, stop = np.searchsorted(times, low), np.searchsorted(times, high, side="right")
+        self._times, self._values = times[first:], values[first:]
+        return times[first:stop], values[first:stop]
+
+    def all(self) -> Iterator[tuple[Floats, Floats]]:
+        """Yield all rows, some at a time."""
+        for block in self._blocks:
+            self._counter.add(block.count)
+            yield self._matrix(block)
+
+    def _matrix(self, block: Block) -> tuple[Floats, Floats]:
+        times = arrays.from_table(to_table([_only(block, TIME_KEY)]))[TIME_KEY]
+        values = np.full((block.count, self._values.shape[1]), np.nan)
+        for name, shape in self._shapes.items():
+            if name in block.columns:
+                at = self._at[name]
+                values[:, at : at + math.prod(shape)] = self._column(block, name, shape, times)
+        values[~np.isfinite(values)] = np.nan
+        return times, values
+
+    def _column(self, block: Block, name: str, shape: tuple[int, ...], times: Floats) -> Any:
+        fast = _plain(block.columns[name].array, shape)
+        if fast is not None:
+            return fast
+        found = arrays.from_table(to_table([_only(block, name)]))[name]
+        size = math.prod(shape)
+        if found.dtype.kind in "fiub" and found.shape[1:] == shape:
+            return found.reshape(block.count, size)
+        if found.dtype.kind == "f" and np.isnan(found).all():
+            return np.nan
+        flat = np.full((block.count, size), np.nan)
+        for row, value in enumerate(found):
+            if value is not None and not (isinstance(value, float) and math.isnan(value)):
+                flat[row] = self._odd(value, name, shape, float(times[row]))
+        return flat
+
+    def _odd(self, value: Any, name: str, shape: tuple[int, ...], time: float) -> Any:
+        """Return one row's value out of a column that is no plain array."""
+        try:
+            found = np.array(value, np.float64)
+        except (TypeError, ValueError):
+            found = np.empty(0)
+        if found.shape != shape:
+            wanted = f"{' x '.join(map(str, shape))} numbers" if shape else "a number"
+            raise ConversionError(
+                f"topic {self._topic!r}, field {name!r}, _ts={time!r}: {_short(value)} is not {wanted} as in the"
+                " topic's other rows; leave these rows out by start= and end="
+            )
+        return found.reshape(-1)
+
+
+def _only(block: Block, name: str) -> Block:
+    return type(block)(block.count, {name: block.columns[name]})
+
+
+def _plain(array: Any, shape: tuple[int, ...]) -> Any:
+    """Return the numbers of a column of vectors that are all there; None for any other column."""
+    if isinstance(array, pa.ChunkedArray) or len(shape) > 1 or array.null_count:
+        return None
+    leaf = array
+    if shape:
+        if not pa.types.is_fixed_size_list(array.type) or array.type.list_size != shape[0]:
+            return None
+        leaf = array.flatten()
+    if leaf.null_count or not (pa.types.is_floating(leaf.type) or pa.types.is_integer(leaf.type)):
+        return None
+    return leaf.to_numpy().reshape(len(array), -1)
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -1,0 +1,113 @@
+"""OpenSim storage files: joint angles and other numbers by time.
+
+The layout is that of opensim-org's documentation, "Storage (.sto) File Format"; times need not be evenly spaced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ..errors import ConversionError
+from ..mocap.objects import Joint, Source
+from ..mocap.placement import Note, Placing, to_text
+from . import clocks as rates
+from .clocks import Rate
+from .destination import fresh_file, refuse_existing
+from .job import Job
+from .mocap_options import check_decimals
+from .table_text import TableText, numbers
+from .take import Take, TakeOptions, found_in, numeric
+
+NOTE_LINE = "ml_dash_note"
+"""The key of the header's line that says what the recording was."""
+
+
+def export(
+    job: Job, *, rate: Rate = None, decimals: int | None = None, what: Literal["joints", "all"] = "joints"
+) -> Path:
+    """Write joint angles, speeds, efforts and grippers into one .sto file; angles in radians.
+
+    Rows without a number that others have are left out, for OpenSim stops reading there.
+
+    Args:
+        job: What to export; its destination is the file.
+        rate: Frames a second, or "median", to resample to; None for the rows as they are.
+        decimals: How many each number has; None for as many as it needs to come back the same.
+        what: "joints", or "all" fields of numbers.
+    """
+    check_decimals(decimals)
+    refuse_existing(job.dest)
+    if what == "all":
+        joints = [one for topic in job.topics for one in every_number(job, topic)]
+    else:
+        joints = [joint for one in found_in(job, None).values() for joint in one.joints]
+    if not joints:
+        names = ", ".join(map(repr, job.topics)) or "none"
+        raise ConversionError(f"no joints in the topics ({names}): none has q, dq, tau or the like; pass what='all'")
+    with fresh_file(job.dest) as path:
+        write(job, joints, TakeOptions(rate), path, decimals=decimals)
+    return job.dest
+
+
+def write(
+    job: Job,
+    joints: Sequence[Joint],
+    options: TakeOptions,
+    path: Path,
+    *,
+    with_origin: Iterable[str] = (),
+    decimals: int | None = None,
+) -> None:
+    """Write numbers to a path.
+
+    Args:
+        job: Where they come from.
+        joints: The columns.
+        options: At which rate.
+        path: Where to.
+        with_origin: Topics that are written to another file with the same origin.
+        decimals: Of each number.
+    """
+    topics = dict.fromkeys(joint.topic for joint in joints)
+    clock = rates.find(job, topics, options.rate, needs_even=False, with_origin=with_origin)
+    take = Take(job, options, list(joints), clock)
+    labels = [f"{one.topic}/{one.name}" if len(topics) > 1 else one.name for one in joints]
+    labels = [label.replace("\t", " ").replace("\n", " ") for label in labels]
+    placing = Placing()
+    for at, joint in enumerate(joints):
+        placing.add(joint, {"value": [at]})
+    metadata = {topic: job.topics[topic].metadata for topic in topics}
+    note = to_text(Note(clock.origin, placements=placing.placements(), metadata=metadata))
+    text = TableText(separator="\t", end="\n", decimals=decimals)
+    count = 0
+    with path.open("w+b") as file:
+        file.write(b"Coordinates\nversion=1\nnRows=")
+        at_count = file.tell()
+        file.write(b"%20d\nnColumns=%d\ninDegrees=no\n" % (0, len(joints) + 1))
+        file.write(f"{NOTE_LINE}={note}\nendheader\n".encode())
+        file.write("\t".join(("time", *labels)).encode() + b"\n")
+        for window in take.windows():
+            whole = ~np.isnan(window.values).any(axis=1)
+            count += int(whole.sum())
+            file.write(text.rows(numbers(window.times[whole]), window.values[whole]))
+        file.seek(at_count)
+        file.write(b"%-20d" % count)
+
+
+def every_number(job: Job, topic: str) -> list[Joint]:
+    """Return each number of a topic's rows as a column: `q.0`, `pose.yaw`."""
+    found: list[Joint] = []
+    for path, shape in numeric(job.topics[topic]).items():
+        name = ".".join(path)
+        if not shape:
+            found.append(Joint(name, topic, Source((path,), ())))
+            continue
+        indices = np.ndindex(*shape)
+        for number, index in enumerate(indices):
+            label = ".".join((name, *map(str, index)))
+            found.append(Joint(label, topic, Source((path,), shape, number, number + 1)))
+    return found

@@ -1,0 +1,1 @@
+"""What is known of motion capture, without I/O: bodies, markers, joints, quaternions, frames, units."""

@@ -1,0 +1,239 @@
+"""What a topic's fields are in the words of motion capture: rigid bodies, markers, joints."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Path = tuple[str, ...]
+"""A field's keys, from the outermost dict in."""
+Shapes = Mapping[Path, tuple[int, ...]]
+"""Fields of numbers to the shape of their values; () for a single number."""
+
+MARKERS_TOPIC = "markers"
+"""The topic of markers that belong to no body; its name is no part of theirs."""
+
+MARKER_KINDS = {"body_markers": "Rigid Body Marker", "bone_markers": "Bone Marker"}
+"""What holds markers that Motive tells from the others, to its words for them."""
+
+_POSITION = re.compile(r"(?:^|(?<=_))(pos|position|xyz|translation|trans)$", re.IGNORECASE)
+_ROTATION = re.compile(r"(?:^|(?<=_))(quat|quaternion|orientation|rotation|rot)$", re.IGNORECASE)
+_POSE = re.compile(r"(?:^|_)(pose|transform)$", re.IGNORECASE)
+_MATRIX = re.compile(r"(?:^|_)(pose|transform)$|(?:^|_)T(?:_|$)")
+_NO_BODY = re.compile(r"(?:^|_)(joints?|motors?|dofs?|fingers?|gripper)_?$", re.IGNORECASE)
+_MARKER = re.compile("marker", re.IGNORECASE)
+_ANGLES = re.compile(r"^(q|qpos|joint_?(pos|positions?|angles?)|joints)$", re.IGNORECASE)
+_SPEEDS = re.compile(r"^(dq|qd|qvel|joint_?(vel|velocity|velocities|speeds?))$", re.IGNORECASE)
+_EFFORTS = re.compile(r"^(tau|torques?|efforts?|joint_?(torques?|efforts?))$", re.IGNORECASE)
+_JOINT_WORDS = (("", _ANGLES, "position"), ("_u", _SPEEDS, "velocity"), ("_tau", _EFFORTS, "effort"))
+_GRIPPER = re.compile("gripper", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where an object's numbers stand: some fields, their values flattened and put side by side, or a part of that."""
+
+    fields: tuple[Path, ...]
+    shape: tuple[int, ...]
+    """Of each field's value."""
+    start: int = 0
+    stop: int | None = None
+
+    @property
+    def columns(self) -> list[str]:
+        """The fields' dotted names."""
+        return [".".join(field) for field in self.fields]
+
+    @property
+    def size(self) -> int:
+        """How many numbers the fields have together, those left out included."""
+        return len(self.fields) * math.prod(self.shape)
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """Something with a position and a rotation."""
+
+    name: str
+    topic: str
+    position: Source
+    """x y z; of a matrix all 16 numbers, row by row."""
+    rotation: Source | None
+    """The quaternion; None if `position` is a 4x4 matrix."""
+    order: str = "xyzw"
+    """Of the quaternion's numbers."""
+    error: Source | None = None
+    """The mean error of its markers, a length."""
+
+    @property
+    def path(self) -> Path:
+        """What its fields' names have in common, for those of a matrix."""
+        return self.position.fields[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Marker:
+    """A point."""
+
+    name: str
+    topic: str
+    position: Source
+    kind: str = "Marker"
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """One number of a joint, or of what moves like one."""
+
+    name: str
+    topic: str
+    value: Source
+
+
+@dataclass(frozen=True, slots=True)
+class Objects:
+    """What was found in a topic."""
+
+    bodies: tuple[Body, ...] = ()
+    markers: tuple[Marker, ...] = ()
+    joints: tuple[Joint, ...] = ()
+
+
+def find(topic: str, shapes: Shapes, metadata: Mapping[str, Any], quat_order: str | None = None) -> Objects:
+    """Find a topic's objects by the names and shapes of its fields, and by what its metadata says.
+
+    * A rigid body is a position [3] and a quaternion [4] whose names differ in the last word only (`ee_pos` and
+      `ee_quat`, `pose.position` and `pose.orientation`), a `pose` [7] of both, or a 4x4 matrix (`pose`, `T_base_ee`).
+      Dicts of the numbers x y z and x y z w are positions and quaternions too. The only body of a topic has its name.
+    * A marker is a [3] inside a dict `markers`, or in a topic whose name says so; a row of `markers` [M, 3]; a position
+      without a quaternion.
+    * Joints are the numbers of `q`, `dq`, `tau` and what else these are called, and those of a gripper.
+
+    Args:
+        topic: Its name.
+        shapes: Of its fields.
+        metadata: Of the topic; `quat_order`, `marker_names` and `joint_names` count.
+        quat_order: Instead of the metadata's.
+    """
+    order = str(quat_order or metadata.get("quat_order") or "xyzw")
+    fields = _gather(shapes)
+    bodies = _bodies(topic, fields, order)
+    used = {path for body in bodies for one in (body.position, body.rotation) if one for path in one.fields}
+    rest = {path: source for path, source in fields.items() if not used.intersection(source.fields)}
+    return Objects(tuple(bodies), tuple(_markers(topic, rest, metadata)), tuple(_joints(topic, shapes, used, metadata)))
+
+
+def _gather(shapes: Shapes) -> dict[Path, Source]:
+    """Return every field as a source; dicts of x y z and of x y z w as one."""
+    sources: dict[Path, Source] = {}
+    for path, shape in shapes.items():
+        parent = path[:-1]
+        letters = {one[-1] for one in shapes if one[:-1] == parent and shapes[one] == ()}
+        if parent and shape == () and letters in ({"x", "y", "z"}, {"x", "y", "z", "w"}):
+            names = "xyzw"[: len(letters)]
+            sources[parent] = Source(tuple((*parent, letter) for letter in names), ())
+        else:
+            sources[path] = Source((path,), shape)
+    return sources
+
+
+def _bodies(topic: str, fields: Mapping[Path, Source], order: str) -> list[Body]:
+    rotations = {
+        _stem(path, _ROTATION): source
+        for path, source in fields.items()
+        if _ROTATION.search(path[-1]) and source.size == 4 and len(source.shape) < 2
+    }
+    found: list[tuple[Path, Source, Source | None, str]] = []
+    for path, source in fields.items():
+        name = path[-1]
+        if source.shape == (4, 4) and _MATRIX.search(name):
+            found.append((path, source, None, order))
+        elif source.shape == (7,) and _POSE.search(name):
+            position, rotation = Source(source.fields, (7,), 0, 3), Source(source.fields, (7,), 3, 7)
+            found.append((_stem(path, _POSE), position, rotation, order))
+        elif _is_point(source) and _POSITION.search(name) and _stem(path, _POSITION) in rotations:
+            rotation = rotations[_stem(path, _POSITION)]
+            found.append((_stem(path, _POSITION), source, rotation, "xyzw" if rotation.shape == () else order))
+    return [
+        Body(
+            topic if len(found) == 1 else f"{topic}:{'.'.join(filter(None, stem)) or 'body'}",
+            topic,
+            position,
+            rotation,
+            order_,
+            _error(stem, fields),
+        )
+        for stem, position, rotation, order_ in found
+    ]
+
+
+def _error(stem: Path, fields: Mapping[Path, Source]) -> Source | None:
+    found = fields.get((*stem[:-1], "mean_marker_error"))
+    return found if found is not None and found.shape == () else None
+
+
+def _stem(path: Path, word: re.Pattern[str]) -> Path:
+    """Return a path without the word that says what it is."""
+    return (*path[:-1], word.sub("", path[-1]).strip("_"))
+
+
+def _is_point(source: Source) -> bool:
+    return source.size == 3 and len(source.shape) < 2
+
+
+def _markers(topic: str, fields: Mapping[Path, Source], metadata: Mapping[str, Any]) -> list[Marker]:
+    prefix = "" if topic == MARKERS_TOPIC else f"{topic}:"
+    found: list[Marker] = []
+    for path, source in fields.items():
+        names = metadata.get("marker_names")
+        is_marker = any(_MARKER.search(word) for word in (topic, *path))
+        if len(source.shape) == 2 and source.shape[1] == 3 and (is_marker or names is not None):
+            found += _rows(prefix, topic, path, source, names)
+        elif _is_point(source) and is_marker:
+            name = ".".join(path[1:] if len(path) > 1 and _MARKER.search(path[0]) else path)
+            found.append(Marker(prefix + name, topic, source, MARKER_KINDS.get(path[0], "Marker")))
+        elif _is_point(source) and _POSITION.search(path[-1]) and not _NO_BODY.search(_stem(path, _POSITION)[-1]):
+            name = ".".join(filter(None, _stem(path, _POSITION)))
+            found.append(Marker(f"{prefix}{name}" if name else topic, topic, source))
+    return found
+
+
+def _rows(prefix: str, topic: str, path: Path, source: Source, names: Any) -> list[Marker]:
+    """Return the markers of a field [M, 3]."""
+    count = source.shape[0]
+    if not isinstance(names, Sequence) or isinstance(names, str) or len(names) != count:
+        names = [f"{path[-1]}{number + 1}" for number in range(count)]
+    return [
+        Marker(f"{prefix}{name}", topic, Source(source.fields, source.shape, 3 * number, 3 * number + 3))
+        for number, name in enumerate(names)
+    ]
+
+
+def _joints(topic: str, shapes: Shapes, used: set[Path], metadata: Mapping[str, Any]) -> list[Joint]:
+    said = metadata.get("joint_names")
+    names = said if isinstance(said, Sequence) and not isinstance(said, str) else ()
+    found: list[Joint] = []
+    for path, shape in shapes.items():
+        if path in used:
+            continue
+        suffix = _joint_suffix(path[-1], bool(names))
+        if len(shape) == 1 and suffix is not None:
+            of = names if len(names) == shape[0] else [f"q{number}" for number in range(shape[0])]
+            found += [
+                Joint(f"{name}{suffix}", topic, Source((path,), shape, number, number + 1))
+                for number, name in enumerate(of)
+            ]
+        elif shape == () and _GRIPPER.search(path[-1]):
+            found.append(Joint(".".join(path), topic, Source((path,), ())))
+    return found
+
+
+def _joint_suffix(name: str, is_named: bool) -> str | None:
+    """Return what OpenSim appends to a joint's name for a field of its angle, speed or effort; None for others."""
+    for suffix, pattern, plain in _JOINT_WORDS:
+        if pattern.match(name) or (is_named and name == plain):
+            return suffix
+    return None

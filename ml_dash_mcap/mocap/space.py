@@ -1,0 +1,64 @@
+"""Lengths and axes: metres and millimetres, z up and y up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import ConversionError
+
+Floats = npt.NDArray[np.float64]
+
+DECIMALS = {"m": 0, "cm": 2, "mm": 3}
+"""Units of length, to how many decimals the point moves to the right from metres."""
+
+UNITS = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), "cm"),
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
+}
+"""How files spell units of length, in small letters."""
+
+UPS = ("z", "y")
+
+
+def turned(vectors: Floats, up_from: str, up_to: str) -> Floats:
+    """Turn vectors, [N, 3], or the vector part of quaternions, so that what pointed up does so still.
+
+    From z up to y up that is (x, y, z) -> (x, z, -y), a quarter turn about x; the other way its inverse. Both only
+    change places and signs, so they undo each other bit for bit.
+    """
+    if up_from == up_to:
+        return vectors
+    x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
+    return np.stack([x, z, -y] if up_to == "y" else [x, -z, y], axis=1)
+
+
+def turned_rotations(quaternions: Floats, up_from: str, up_to: str) -> Floats:
+    """Turn the rotations of bodies, x y z w, [N, 4], like `turned`: the angle stays, the axis is turned."""
+    if up_from == up_to:
+        return quaternions
+    return np.concatenate((turned(quaternions[:, :3], up_from, up_to), quaternions[:, 3:]), axis=1)
+
+
+def unit_of(metadata: Mapping[str, Any], column: str) -> str:
+    """Return the unit of length of a field as its topic's metadata says it; "m" if it does not.
+
+    Args:
+        metadata: Of the topic: `length_units`, or else `units`; one for all fields, or a dict of them by dotted name.
+        column: The field's dotted name.
+
+    Raises:
+        ConversionError: It is a unit that is not known.
+    """
+    said = metadata.get("length_units", metadata.get("units", "m"))
+    if isinstance(said, Mapping):
+        parents = [column[:at] for at, letter in enumerate(column) if letter == "."]
+        said = next((said[name] for name in (column, *reversed(parents)) if name in said), "m")
+    unit = UNITS.get(str(said).lower())
+    if unit is None:
+        raise ConversionError(f"field {column!r}: its topic's metadata says {said!r}; m, cm and mm are known")
+    return unit
