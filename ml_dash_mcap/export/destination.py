@@ -46,18 +46,19 @@ def fresh_folder(dest: Path) -> Iterator[Path]:
 def _fresh(dest: Path) -> Iterator[Path]:
     refuse_existing(dest)
     beside = dest.parent / f".{dest.name[:_LONGEST_NAME]}.{uuid.uuid4().hex[:8]}.part"
+    made = [folder for folder in dest.parents if not folder.exists()]
     try:
         dest.parent.mkdir(parents=True, exist_ok=True)
         yield beside
         refuse_existing(dest)
         os.replace(beside, dest)
     except OSError as error:
-        _remove(beside)
+        _remove(beside, made)
         if isinstance(error, StorageError):
             raise
         raise StorageError(error.errno, f"cannot be written: {error.strerror}", str(dest)) from error
     except BaseException:
-        _remove(beside)
+        _remove(beside, made)
         raise
 
 
@@ -69,12 +70,16 @@ def refuse_existing(dest: Path) -> None:
         raise DestinationExistsError(errno.EEXIST, "is there already; remove it, or export to another place", str(dest))
 
 
-def _remove(path: Path) -> None:
+def _remove(path: Path, made: Iterable[Path]) -> None:
+    """Remove what was written, and the folders that were made for it, the innermost first."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:
         with contextlib.suppress(OSError):
             path.unlink()
+    with contextlib.suppress(OSError):  # somebody else uses one of them now
+        for folder in made:
+            folder.rmdir()
 
 
 def name_of(topic: str, suffix: str) -> str:

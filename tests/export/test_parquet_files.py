@@ -263,8 +263,8 @@ def test_the_metadata_says_what_the_rows_are_and_where_they_come_from(tmp_path: 
     assert schema.field("_ts").metadata == {b"ml_dash.unit": b"s"}
 
 
-def test_row_groups_are_large_compressed_and_said_to_be_sorted(tmp_path: Path) -> None:
-    count = 140_000
+def test_row_groups_are_large_compressed_and_said_to_be_sorted(tmp_path_factory: pytest.TempPathFactory) -> None:
+    count, tmp_path = 140_000, tmp_path_factory.mktemp("large")
     with Recorder(tmp_path / "run") as recorder:
         recorder.topic("robot").append_columns(_ts=np.arange(count) / 1e3, n=np.arange(count))
     with Recording(tmp_path / "run") as rec:
