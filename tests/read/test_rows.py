@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ml_dash_mcap.errors import DamagedFileError, EncodingError, RangeError
+from ml_dash_mcap.errors import DamagedFileError, RangeError, UndecodedWarning
 from ml_dash_mcap.read import counts, rows
 from ml_dash_mcap.read.file import File
 from tests.support.assemble import Draft, bundle
@@ -140,10 +140,12 @@ def test_a_message_that_is_not_in_its_encoding_is_an_error_that_names_file_topic
         list(rows.read(files, "t"))
 
 
-def test_an_encoding_that_nobody_here_decodes_is_an_error_that_names_it(tmp_path):
-    files = foreign(tmp_path, (7, b"\x00"), encoding="flatbuffer")
-    with pytest.raises(EncodingError, match="topic 't' has messages in the encoding 'flatbuffer'"):
-        list(rows.read(files, "t"))
+def test_messages_in_an_encoding_that_nobody_here_decodes_are_their_bytes_with_a_warning(tmp_path):
+    files = foreign(tmp_path, (7, b"\x00"), (8, b""), encoding="flatbuffer")
+    with pytest.warns(UndecodedWarning, match="topic 't' has messages in the encoding 'flatbuffer'") as warned:
+        found = list(rows.read(files, "t"))
+    assert found == [{"data": b"\x00", "_ts": 7e-9}, {"data": b"", "_ts": 8e-9}]
+    assert len(warned) == 1
 
 
 @pytest.mark.parametrize(("start", "end"), [(2, 1), (math.nan, None), (None, math.nan), ("x", None), ([1], 2)])
