@@ -83,12 +83,23 @@ def read(files: Sequence[File], topic: str, low: float = -math.inf, high: float 
     decoders: dict[tuple[str, int], Decoder] = {}
     start_ns, end_ns = to_ns_range(low, high)
     for batch in messages.read(files, topic, start_ns, end_ns):
-        rows: Iterable[Row] = _decode(batch, decoders)
-        if bool(np.any(batch.times_ns[1:] == batch.times_ns[:-1])):
-            rows = _merge_same_times(batch, list(rows))
+        rows = of_batch(batch, decoders)
         if low > -math.inf or high < math.inf:
             rows = (row for row in rows if low <= row[TIME_KEY] <= high)
         yield from rows
+
+
+def of_batch(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterable[Row]:
+    """Return the rows of messages, among which are all of each time stamp.
+
+    Args:
+        batch: The messages.
+        decoders: Of the channels met so far; gets new ones.
+    """
+    rows = _decode(batch, decoders)
+    if bool(np.any(batch.times_ns[1:] == batch.times_ns[:-1])):
+        return _merge_same_times(batch, list(rows))
+    return rows
 
 
 def _decode(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterator[Row]:
