@@ -6,7 +6,7 @@
     │   └── IntegerRangeError  (OverflowError)           an integer that 64 bits cannot hold
     ├── TopicError           (ValueError)                a topic that is empty, too long or not text
     ├── PrefixError          (ValueError)                a prefix or file name that is malformed or leaves its root
-    ├── OptionError          (ValueError)                a recorder option that makes no sense
+    ├── OptionError          (ValueError)                an option that makes no sense
     ├── UsageError           (TypeError)                 a call with arguments that it does not take
     ├── StateError           (RuntimeError)              used before its start, after its end, or in a forked child
     ├── BacklogFullError     (BufferError)               the writer fell behind and on_full="raise"
@@ -56,7 +56,7 @@ class PrefixError(RecorderError, ValueError):
 
 
 class OptionError(RecorderError, ValueError):
-    """A recorder option that makes no sense."""
+    """An option that makes no sense."""
 
 
 class UsageError(RecorderError, TypeError):
@@ -156,6 +156,10 @@ class DamagedFileError(RecorderError, ValueError):
     def __reduce__(self) -> tuple[type[DamagedFileError], tuple[Path, int, str]]:
         """Let it pass between processes."""
         return type(self), (self.path, self.offset, self.what)
+
+
+class ConversionWarning(UserWarning):
+    """Something that another format does not say, or says in a way that should be looked at."""
 
 
 class UndecodedWarning(UserWarning):

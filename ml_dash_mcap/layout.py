@@ -36,3 +36,8 @@ KIND_KEY = "kind"
 
 TRACK, LOG, METRIC, FILE = "track", "log", "metric", "file"
 """Only the rows of tracks merge."""
+
+LARGE_BYTES = 32 * 1024 * 1024
+LARGE_RATIO = 200
+"""A chunk of more than `LARGE_BYTES` that compresses by more than `LARGE_RATIO` is stored as it is: a reader on guard
+against bombs could not tell it from one."""

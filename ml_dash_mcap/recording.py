@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import orjson
 
 from . import clock, topic_reader
-from .errors import MissingRecordingError, StateError
+from .errors import MissingRecordingError, OptionError, StateError
 from .export import Job, export
 from .export.destination import refuse_existing
 from .export.job import Progress
@@ -32,6 +32,8 @@ from .lookup import Lookup, not_found
 from .read import attachments, counts, overview, rows, topics
 from .read.attachments import Attachments
 from .read.file import File
+from .read.limits import Limits
+from .read.losses import Loss
 from .read.rows import check_range
 from .read.segments import Segments
 from .read.topics import TopicInfo
@@ -56,16 +58,24 @@ class Recording:
         ...         print(row["_ts"], row["q"])
     """
 
-    def __init__(self, path: str | Path | Iterable[str | Path]) -> None:
+    def __init__(
+        self, path: str | Path | Iterable[str | Path], *, on_damage: str = "raise", limits: Limits | None = None
+    ) -> None:
         """Open a recording.
 
         Args:
             path: A run's folder or one file; or several of them, which are read as one recording.
+            on_damage: "raise" a DamagedFileError where a file is damaged, or "skip" what cannot be read and note it in
+                `losses`. A file that is no MCAP file can be skipped too, unless it is all that was asked for.
+            limits: How much memory the files may ask for; None for the defaults, which suit files from outside.
 
         Raises:
             MissingRecordingError: There is none; also a FileNotFoundError.
             DamagedFileError: A file is no MCAP file, or a finished one is broken.
+            OptionError: `on_damage` is neither; also a ValueError.
         """
+        if on_damage not in ("raise", "skip"):
+            raise OptionError(f'on_damage={on_damage!r} is neither "raise" nor "skip"')
         given = [path] if isinstance(path, (str, Path)) else list(path)
         if not given:
             raise MissingRecordingError(errno.ENOENT, "an empty list of files is no recording", "")
@@ -77,12 +87,28 @@ class Recording:
         for one in paths:
             if one.is_dir():
                 _fold_in_leftovers(one)
-        self._segments = Segments(paths)
+        self._segments = Segments(paths, limits or Limits(), salvages=on_damage == "skip")
 
     @property
     def segments(self) -> list[Path]:
         """The files, in the order of writing."""
         return [file.path for file in self._opened()]
+
+    @property
+    def losses(self) -> list[Loss]:
+        """What was found damaged so far and left out, each loss once, however often it was met.
+
+        A chunk is verified when it is read, so read everything to know all of it. Counts and times of topics are those
+        that the files announce, with what turned out to be lost.
+
+        Example:
+            >>> with Recording("damaged.mcap", on_damage="skip") as rec:
+            ...     rows = list(rec["robot"].rows())
+            ...     rec.losses
+            [Loss(path=PosixPath('damaged.mcap'), offset=4711, what='a chunk whose checksum ...', messages=120)]
+        """
+        self._opened()
+        return self._segments.losses
 
     @property
     def topics(self) -> Mapping[str, TopicInfo]:

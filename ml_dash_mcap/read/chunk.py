@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass
 from zlib import crc32
@@ -83,6 +84,21 @@ class Scan:
         return {channel_id: len(index.offsets) for channel_id, index in self.indexes.items()}
 
 
+def check_size(chunk: Chunk, path: str, limits: Limits) -> None:
+    """Refuse a chunk that would take too much memory, by what is announced, before anything of it is read.
+
+    Raises:
+        DamagedFileError: It is beyond the limits.
+    """
+    size, packed = chunk.uncompressed_size, chunk.compressed_size
+    if max(size, chunk.length - limits.record_bytes) > limits.chunk_bytes:
+        what = f"a chunk of {max(size, chunk.length)} bytes; the limit is {limits.chunk_bytes}"
+        raise DamagedFileError(path, chunk.offset, f"{what} (Limits.chunk_bytes)")
+    if size > limits.any_ratio_bytes and size > limits.ratio * packed:
+        what = f"a chunk that unpacks {packed} bytes to {size}; the limit is {limits.ratio} times"
+        raise DamagedFileError(path, chunk.offset, f"{what} (Limits.ratio)")
+
+
 def unpack(record: Bytes, chunk: Chunk, path: str, limits: Limits) -> bytes:
     """Return a chunk's records, uncompressed and checked.
 
@@ -96,6 +112,7 @@ def unpack(record: Bytes, chunk: Chunk, path: str, limits: Limits) -> bytes:
         DamagedFileError: The record is no chunk, contradicts itself or the index, is beyond the limits, or its CRC
             does not match.
     """
+    check_size(chunk, path, limits)
     if chunk.compression == records.LOOSE:
         return bytes(record)
     opcode, length = records.prefix(record, 0) if len(record) >= records.PREFIX_BYTES else (0, 0)
@@ -105,9 +122,10 @@ def unpack(record: Bytes, chunk: Chunk, path: str, limits: Limits) -> bytes:
     head = records.chunk_head(fields)
     if head.records_length != len(record) - fields.at:
         raise DamagedFileError(path, chunk.offset, "a chunk whose record and content have different lengths")
-    _check_size(head, path, chunk.offset, limits)
-    packed = memoryview(record)[fields.at :]
-    data = _decompress(packed, head, path, chunk.offset)
+    said = (chunk.compression, chunk.compressed_size, chunk.uncompressed_size)
+    if (head.compression, head.records_length, head.uncompressed_size) != said:
+        raise DamagedFileError(path, chunk.offset, "a chunk that contradicts its index")
+    data = _decompress(memoryview(record)[fields.at :], head, path, chunk.offset)
     if len(data) != head.uncompressed_size:
         raise DamagedFileError(
             path, chunk.offset, f"a chunk of {len(data)} bytes that announces {head.uncompressed_size} bytes"
@@ -115,18 +133,6 @@ def unpack(record: Bytes, chunk: Chunk, path: str, limits: Limits) -> bytes:
     if head.uncompressed_crc and crc32(data) != head.uncompressed_crc:
         raise DamagedFileError(path, chunk.offset, "a chunk whose checksum (CRC-32) does not match its content")
     return data
-
-
-def _check_size(head: ChunkHead, path: str, offset: int, limits: Limits) -> None:
-    size = head.uncompressed_size
-    if size > limits.chunk_bytes:
-        raise DamagedFileError(path, offset, f"a chunk of {size} bytes; the limit is {limits.chunk_bytes}")
-    if size > limits.any_ratio_bytes and size > limits.ratio * head.records_length:
-        raise DamagedFileError(
-            path,
-            offset,
-            f"a chunk that unpacks {head.records_length} bytes to {size}; the limit is {limits.ratio} times",
-        )
 
 
 def _decompress(packed: memoryview, head: ChunkHead, path: str, offset: int) -> bytes:
@@ -165,14 +171,16 @@ def scan(data: bytes, chunk: Chunk, path: str) -> Scan:
     """Walk a chunk's own records: for chunks without a message index, and for channels that stand inside."""
     schemas: dict[int, records.Schema] = {}
     channels: dict[int, records.Channel] = {}
-    times: dict[int, list[int]] = {}
-    offsets: dict[int, list[int]] = {}
+    entries: dict[int, array[int]] = {}
     try:
         for opcode, at, fields in records.split(data, path, 0):
             if opcode == Opcode.MESSAGE:
                 channel_id, _sequence, time_ns = fields.u16(), fields.u32(), fields.u64()
-                times.setdefault(channel_id, []).append(time_ns)
-                offsets.setdefault(channel_id, []).append(at)
+                found = entries.get(channel_id)
+                if found is None:
+                    found = entries[channel_id] = array("Q")
+                found.append(time_ns)
+                found.append(at)
             elif opcode == Opcode.SCHEMA:
                 schema = records.schema(fields)
                 schemas[schema.id] = schema
@@ -181,18 +189,31 @@ def scan(data: bytes, chunk: Chunk, path: str) -> Scan:
                 channels[channel.id] = channel
     except DamagedFileError as error:
         raise DamagedFileError(path, chunk.offset, f"a chunk with damaged records ({error})") from error
-    indexes = {
-        channel_id: MessageIndex(
-            channel_id, np.array(found, dtype=np.uint64), np.array(offsets[channel_id], dtype=np.uint64)
-        )
-        for channel_id, found in times.items()
-    }
-    return Scan(schemas, channels, indexes)
+    return Scan(
+        schemas, channels, {channel_id: _message_index(channel_id, found) for channel_id, found in entries.items()}
+    )
+
+
+def _message_index(channel_id: int, entries: array[int]) -> MessageIndex:
+    pairs = np.frombuffer(entries, np.uint64).reshape(-1, 2)
+    return MessageIndex(channel_id, pairs[:, 0].copy(), pairs[:, 1].copy())
 
 
 def no_messages(channel_id: int) -> MessageIndex:
     """Return the message index of a channel that a chunk does not hold."""
     return MessageIndex(channel_id, np.empty(0, np.uint64), np.empty(0, np.uint64))
+
+
+def check_times(index: MessageIndex, chunk: Chunk, path: str) -> None:
+    """Check that messages lie in the time that their chunk says.
+
+    Raises:
+        DamagedFileError: Some do not.
+    """
+    times = index.times_ns
+    if len(times) and not (chunk.start_ns <= int(times.min()) and int(times.max()) <= chunk.end_ns):
+        what = f"messages of channel {index.channel_id} that lie outside of the time that their chunk says"
+        raise DamagedFileError(path, chunk.offset, what)
 
 
 def within(index: MessageIndex, start_ns: int, end_ns: int) -> MessageIndex:
@@ -208,14 +229,14 @@ def gather(data: bytes, index: MessageIndex, chunk: Chunk, path: str) -> Message
     """Cut out the messages that a message index points to.
 
     Raises:
-        DamagedFileError: An entry points to something else than a message of that channel and time.
+        DamagedFileError: An entry points to something else than a message of that channel and time, or two to one.
     """
     heads, starts = _heads(data, index, chunk, path)
     ends = starts + records.PREFIX_BYTES + heads["length"].astype(np.int64)
     sound = (heads["opcode"] == Opcode.MESSAGE) & (heads["channel"] == index.channel_id)
     sound &= (heads["time"] == index.times_ns) & (heads["length"] >= _FIXED) & (heads["length"] <= len(data))
     sound &= ends <= len(data)
-    if not sound.all():
+    if not sound.all() or not _lie_apart(starts, ends):
         raise DamagedFileError(path, chunk.offset, "a message index that contradicts its chunk")
     return Messages(
         channel_id=index.channel_id,
@@ -235,6 +256,13 @@ def _heads(
     if len(index.offsets) and int(index.offsets.max()) > room:
         raise DamagedFileError(path, chunk.offset, "a message index that points behind its chunk")
     starts = index.offsets.astype(np.int64)
-    raw = np.frombuffer(data, dtype=np.uint8)
-    heads = raw[starts[:, None] + np.arange(MESSAGE_HEAD.itemsize)].reshape(-1).view(MESSAGE_HEAD)
-    return heads, starts
+    at_each_byte = np.ndarray((max(room + 1, 0),), MESSAGE_HEAD, data, strides=(1,))
+    return at_each_byte[starts], starts
+
+
+def _lie_apart(starts: npt.NDArray[np.int64], ends: npt.NDArray[np.int64]) -> bool:
+    """Whether no two messages share bytes: a small chunk could give any number of long ones otherwise."""
+    if bool((starts[1:] >= ends[:-1]).all()):
+        return True
+    order = np.argsort(starts)
+    return bool((starts[order][1:] >= ends[order][:-1]).all())

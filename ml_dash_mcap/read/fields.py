@@ -71,6 +71,7 @@ class Fields:
         while self.at < end:
             key = self.text()
             values[key] = self.text()
+        self._check_end_of_map(end)
         return values
 
     def numbers(self) -> dict[int, int]:
@@ -80,6 +81,7 @@ class Fields:
         while self.at < end:
             key = self.u16()
             values[key] = self.u64()
+        self._check_end_of_map(end)
         return values
 
     def entries(self) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64]]:
@@ -100,6 +102,10 @@ class Fields:
         if length > self._end - self.at:
             self.refuse(f"a map of {length} bytes in a record that has {self._end - self.at} left")
         return self.at + length
+
+    def _check_end_of_map(self, end: int) -> None:
+        if self.at != end:
+            self.refuse(f"a map whose last entry ends {self.at - end} bytes behind it")
 
     def _take(self, length: int) -> int:
         start = self.at

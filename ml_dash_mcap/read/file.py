@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
+from collections.abc import Hashable, Iterable
 from pathlib import Path
+
+import numpy as np
 
 from ..errors import DamagedFileError
 from ..layout import ACTIVE_SUFFIX
 from . import chunk as chunks
-from . import index, limits, records, summary, walk
+from . import limits, records
+from .chunk import Messages
 from .fields import Bytes, Fields
 from .index import FileIndex, Glance
-from .records import Chunk, Header, MessageIndex, Opcode
+from .load import glance, load
+from .losses import Loss, Losses
+from .records import Chunk, MessageIndex, Opcode
 from .source import LocalFile, Source
-
-_KEPT_CHUNKS = 4
-_HEAD_BYTES = 4096
+from .unpacking import Unpacking
 
 
 class File:
@@ -25,8 +28,14 @@ class File:
     Any thread may read; one at a time refreshes.
     """
 
-    def __init__(self, path: Path, limits_: limits.Limits = limits.DEFAULT) -> None:
+    def __init__(self, path: Path, limits_: limits.Limits = limits.DEFAULT, *, salvages: bool = False) -> None:
         """Open a file and index it.
+
+        Args:
+            path: Where it is.
+            limits_: For what is read of it.
+            salvages: Whether to leave out what is damaged, and note it in `losses`, rather than to raise. What is no
+                MCAP file is an error all the same.
 
         Raises:
             MissingRecordingError: There is no such file.
@@ -36,28 +45,24 @@ class File:
         is_new = path.name.endswith(ACTIVE_SUFFIX)
         self.source: Source = LocalFile(path, stays_open=is_new)
         self.limits = limits_
-        self._metadata: dict[int, records.Metadata] = {}
-        self._unpacked_lock = threading.Lock()
-        """Guards `_unpacked`."""
-        self._unpacked: OrderedDict[int, bytes] = OrderedDict()
+        self.salvages = salvages
+        self._losses = Losses()
+        self._metadata: dict[int, records.Metadata | None] = {}
+        self._unpacking = Unpacking(self.source, limits_)
         self._size = self.source.size()
         self._loading_lock = threading.Lock()
         """Guards the loading of `_index`."""
         self._index: FileIndex | None = None
+        self._failure: DamagedFileError | None = None
+        """Why the index of a long file could not be loaded."""
         self._glance: Glance | None = None
         try:
-            self._open(is_new=is_new)
+            self._glance = glance(self.source, limits_, is_new=is_new)
+            if self._glance is None:
+                self._index = load(self.source, limits_, is_new=is_new, salvages=salvages)
         except BaseException:
             self.source.close()
             raise
-
-    def _open(self, *, is_new: bool) -> None:
-        started = _start(self.source, self._size, is_new)
-        found = None if started is None else summary.footer(self.source, self._size)
-        if started is not None and found is not None:
-            self._glance = summary.glance(self.source, self._size, started[0], found)
-        if self._glance is None:
-            self._index = load(self.source, self.limits, is_new=is_new)
 
     @property
     def index(self) -> FileIndex:
@@ -67,14 +72,25 @@ class File:
             DamagedFileError: Its summary and its data section are broken.
         """
         with self._loading_lock:
+            if self._failure is not None:
+                raise DamagedFileError(self._failure.path, self._failure.offset, self._failure.what)
             if self._index is None:
-                self._index = load(self.source, self.limits)
+                try:
+                    self._index = load(self.source, self.limits, salvages=self.salvages)
+                except DamagedFileError as error:
+                    self._failure = error
+                    raise
             return self._index
 
     @property
     def glance(self) -> Glance:
         """What is known of it without looking up its chunks."""
         return self._glance if self._index is None and self._glance is not None else self.index.glance()
+
+    @property
+    def losses(self) -> list[Loss]:
+        """What was found damaged so far, and left out."""
+        return [*(self._index.losses if self._index is not None else ()), *self._losses.all()]
 
     def refresh(self, path: Path | None = None) -> bool:
         """Take in what was written since.
@@ -87,18 +103,21 @@ class File:
         """
         if path is not None:
             self.path = path
+            if isinstance(self.source, LocalFile) and not path.name.endswith(ACTIVE_SUFFIX):
+                self.source.settle(path)
         before = self._index
         if before is None or before.finished:
             return False
         size = self.source.size()
         if size == self._size:
             return False
-        self._size = size
-        fresh = load(self.source, self.limits, is_new=before.end == 0, previous=before)
+        is_new = self.path.name.endswith(ACTIVE_SUFFIX)
+        fresh = load(self.source, self.limits, is_new=is_new, salvages=self.salvages, previous=before)
         if fresh.end < before.end or fresh.finished:
             self._metadata.clear()  # a recovery may have rewritten the file
-            with self._unpacked_lock:
-                self._unpacked.clear()
+            self._unpacking.forget()
+            self._losses.clear()
+        self._size = size
         self._index = fresh
         return fresh.end != before.end or fresh.finished
 
@@ -108,7 +127,33 @@ class File:
 
     def metadata(self) -> list[records.Metadata]:
         """Return all metadata records, in the order of the file. Each is read once."""
-        return [self._read_metadata(entry) for entry in self.glance.metadata]
+        found = [self._read_metadata(entry) for entry in self.glance.metadata]
+        return [record for record in found if record is not None]
+
+    def lose(self, error: DamagedFileError, messages: int | None, key: Hashable = None) -> None:
+        """Note that something could not be read, and go on; or raise, if the file is not to be salvaged.
+
+        Args:
+            error: What is wrong.
+            messages: How many messages are lost by it; None if nobody knows.
+            key: Tells it from whatever else is wrong at the same place.
+
+        Raises:
+            DamagedFileError: That one.
+        """
+        if not self.salvages:
+            raise error
+        self._losses.add((error.offset, key), Loss(self.path, error.offset, error.what, messages))
+
+    def close(self) -> None:
+        """Close the file. May be called twice."""
+        self.source.close()
+
+    # -- chunks --------------------------------------------------------------------------------------------------------
+
+    def read_span(self, offset: int, length: int) -> bytes:
+        """Read chunks that lie together; no bytes come if one is beyond the limits, which unpacking it will say."""
+        return self._unpacking.read(offset, length)
 
     def unpack(self, chunk: Chunk, record: Bytes | None = None) -> bytes:
         """Return a chunk's records, uncompressed and checked; the last few are kept.
@@ -116,131 +161,132 @@ class File:
         Args:
             chunk: Which one.
             record: Its bytes, if they have been read already.
-        """
-        with self._unpacked_lock:
-            kept = self._unpacked.get(chunk.offset)
-        if kept is not None:
-            return kept
-        if record is None:
-            record = self.source.read(chunk.offset, chunk.length)
-        data = chunks.unpack(record, chunk, self.source.name, self.limits)
-        if chunk.compression != records.LOOSE:  # those grow
-            with self._unpacked_lock:
-                self._unpacked[chunk.offset] = data
-                if len(self._unpacked) > _KEPT_CHUNKS:
-                    self._unpacked.popitem(last=False)
-        return data
 
-    def message_index(self, chunk: Chunk, channel_id: int, span: Bytes | None = None, at: int = 0) -> MessageIndex:
-        """Return where one channel's messages lie in a chunk.
+        Raises:
+            DamagedFileError: They are not what they should be, whether the file is to be salvaged or not.
+        """
+        return self._unpacking.records(chunk, record)
+
+    def message_index(self, chunk: Chunk, channel_id: int) -> MessageIndex:
+        """Return where one channel's messages lie in a chunk; its own records are walked if that is not stored.
+
+        Raises:
+            DamagedFileError: The chunk is damaged, and the file not to be salvaged.
+        """
+        if chunk.indexed:
+            try:
+                return self._unpacking.index(chunk, channel_id)
+            except DamagedFileError as error:
+                self.lose(error, 0, "index")
+        found = self.message_indexes(chunk, stored=False).get(channel_id)
+        return found if found is not None else chunks.no_messages(channel_id)
+
+    def message_indexes(self, chunk: Chunk, *, stored: bool = True) -> dict[int, MessageIndex]:
+        """Return where each channel's messages lie in a chunk.
 
         Args:
-            chunk: Which one; its own records are walked if it has no message index.
-            channel_id: Of the channel.
-            span: Bytes of the file that cover the chunk and its indexes, if they have been read already.
-            at: Where in the file `span` starts, in bytes.
+            chunk: Which one.
+            stored: Whether its stored indexes will do; if not, its own records are walked.
+
+        Raises:
+            DamagedFileError: The chunk is damaged, and the file not to be salvaged.
         """
-        if not chunk.indexed:
-            found = chunks.scan(self.unpack(chunk), chunk, self.source.name).indexes.get(channel_id)
-            return found if found is not None else chunks.no_messages(channel_id)
-        offset = chunk.message_index_offsets.get(channel_id)
-        if offset is None:
-            return chunks.no_messages(channel_id)
-        room = chunk.end + chunk.message_index_length - offset
-        if span is None:
-            span, at = self._read_record(offset, room), offset
-        opcode, length = records.prefix(span, offset - at)
-        if opcode != Opcode.MESSAGE_INDEX or length > room - records.PREFIX_BYTES:
-            raise DamagedFileError(
-                self.source.name, offset, "the index says that a message index starts here, but none does"
-            )
-        start = offset - at + records.PREFIX_BYTES
-        read = records.message_index(Fields(span, self.source.name, at, start, start + length))
-        if read.channel_id != channel_id:
-            raise DamagedFileError(
-                self.source.name, offset, f"a message index of channel {read.channel_id}, not {channel_id}"
-            )
-        return read
+        if stored and chunk.indexed:
+            return {channel_id: self.message_index(chunk, channel_id) for channel_id in chunk.message_index_offsets}
+        try:
+            return dict(chunks.scan(self.unpack(chunk), chunk, self.source.name).indexes)
+        except DamagedFileError as error:
+            self._lose_chunk(chunk, error)
+            return {}
 
-    def close(self) -> None:
-        """Close the file. May be called twice."""
-        self.source.close()
+    def cut(
+        self, chunk: Chunk, channel_ids: Iterable[int], start_ns: int, end_ns: int, span: Bytes | None = None
+    ) -> list[Messages]:
+        """Cut the messages of some channels and of a time range out of a chunk.
 
-    def _read_record(self, offset: int, room: int) -> bytes:
-        """Read the record that starts at `offset`; `room` bytes are the most that it can have."""
-        head = self.source.read(offset, min(room, _HEAD_BYTES))
-        if len(head) < records.PREFIX_BYTES:
-            raise DamagedFileError(self.source.name, offset, "the file ends where a record should start")
-        total = records.PREFIX_BYTES + records.prefix(head, 0)[1]
-        if total <= len(head) or total > room:
-            return head
-        return head + self.source.read(offset + len(head), total - len(head))
+        Args:
+            chunk: Which one.
+            channel_ids: Of the channels; those without messages get nothing.
+            start_ns: First log time, in ns.
+            end_ns: Last log time, included, in ns.
+            span: The chunk's bytes and those of its message indexes, if they have been read already.
 
-    def _read_metadata(self, entry: records.MetadataEntry) -> records.Metadata:
-        known = self._metadata.get(entry.offset)
-        if known is not None:
-            return known
+        Raises:
+            DamagedFileError: Something is damaged, and the file not to be salvaged.
+        """
+        try:
+            data = self.unpack(chunk, None if span is None else span[: chunk.length])
+        except DamagedFileError as error:
+            self._lose_chunk(chunk, error)
+            return []
+        ids = list(channel_ids)
+        if chunk.indexed:
+            try:
+                stored = [self._unpacking.index(chunk, one, span, chunk.offset) for one in ids]
+                for index in stored:
+                    chunks.check_times(index, chunk, self.source.name)
+                return self._gather(chunk, data, stored, start_ns, end_ns)
+            except DamagedFileError as error:
+                self.lose(error, 0, "index")
+        scanned = self.message_indexes(chunk, stored=False)
+        found = [self._in_time(chunk, scanned[one]) for one in ids if one in scanned]
+        return self._gather(chunk, data, found, start_ns, end_ns)
+
+    def _gather(
+        self, chunk: Chunk, data: bytes, found: list[MessageIndex], start_ns: int, end_ns: int
+    ) -> list[Messages]:
+        gathered: list[Messages] = []
+        room = len(data)
+        for index in found:
+            wanted = chunks.within(index, start_ns, end_ns)
+            if not len(wanted.offsets):
+                continue
+            messages = chunks.gather(data, wanted, chunk, self.source.name)
+            room -= int((messages.ends - messages.offsets).sum())
+            if room < 0:
+                raise DamagedFileError(self.source.name, chunk.offset, "a chunk whose messages lie in each other")
+            gathered.append(messages)
+        return gathered
+
+    def _in_time(self, chunk: Chunk, found: MessageIndex) -> MessageIndex:
+        """Lose the messages that do not lie in the time that their chunk says: what is read when depends on it."""
+        try:
+            chunks.check_times(found, chunk, self.source.name)
+        except DamagedFileError as error:
+            inside = chunks.within(found, chunk.start_ns, chunk.end_ns)
+            self.lose(error, len(found.offsets) - len(inside.offsets), ("times", found.channel_id))
+            return inside
+        return found
+
+    def _lose_chunk(self, chunk: Chunk, error: DamagedFileError) -> None:
+        """Lose a chunk's messages: how many its indexes know."""
+        count = None if chunk.counts is None else sum(chunk.counts.values())
+        if self.salvages and count is None and chunk.indexed:
+            try:
+                stored = [self._unpacking.index(chunk, channel_id) for channel_id in chunk.message_index_offsets]
+                count = int(np.sum([len(one.offsets) for one in stored]))
+            except DamagedFileError:
+                count = None
+        self.lose(DamagedFileError(error.path, chunk.offset, error.what), count, "chunk")
+
+    # -- metadata ------------------------------------------------------------------------------------------------------
+
+    def _read_metadata(self, entry: records.MetadataEntry) -> records.Metadata | None:
+        if entry.offset not in self._metadata:
+            try:
+                self._metadata[entry.offset] = self._metadata_at(entry)
+            except DamagedFileError as error:
+                self.lose(error, 0, "metadata")
+                self._metadata[entry.offset] = None
+        return self._metadata[entry.offset]
+
+    def _metadata_at(self, entry: records.MetadataEntry) -> records.Metadata:
         name = self.source.name
         if entry.length > self.limits.record_bytes:
             raise DamagedFileError(name, entry.offset, f"a metadata record of {entry.length} bytes")
         data = self.source.read(entry.offset, entry.length)
-        if len(data) < records.PREFIX_BYTES or records.prefix(data, 0) != (
-            Opcode.METADATA,
-            len(data) - records.PREFIX_BYTES,
-        ):
-            raise DamagedFileError(
-                name, entry.offset, "the index says that a metadata record starts here, but none does"
-            )
-        found = records.metadata(Fields(data, name, entry.offset, records.PREFIX_BYTES))
-        self._metadata[entry.offset] = found
-        return found
-
-
-def load(
-    source: Source, limits_: limits.Limits, *, is_new: bool = False, previous: FileIndex | None = None
-) -> FileIndex:
-    """Index a file: by its summary if it is finished, else by walking over its records.
-
-    Args:
-        source: The file.
-        limits_: For what is read.
-        is_new: Whether the file may still be without its magic and header, because a recorder is just creating it.
-        previous: What an earlier call found, to go on from if the file is still not finished.
-
-    Raises:
-        DamagedFileError: It is no MCAP file, or a finished one that is broken.
-    """
-    size = source.size()
-    started = _start(source, size, is_new)
-    if started is None:
-        return index.empty(source.name)
-    header, first = started
-    found = summary.footer(source, size)
-    if found is None:
-        resumable = previous if previous is not None and first <= previous.end <= size else None
-        return walk.walk(source, size, header, first, limits_, resumable)
-    try:
-        by_summary = summary.read(source, size, header, found, limits_)
-    except DamagedFileError:
-        by_summary = None
-    return by_summary or walk.walk_finished(source, size, header, first, limits_)
-
-
-def _start(source: Source, size: int, is_new: bool) -> tuple[Header, int] | None:
-    """Return a file's header and where the record behind it starts; None while it has none."""
-    head = source.read(0, min(size, _HEAD_BYTES))
-    magic = head[: len(records.MAGIC)]
-    if is_new and records.MAGIC.startswith(magic) and len(head) < len(records.MAGIC) + records.PREFIX_BYTES:
-        return None
-    if not head:
-        raise DamagedFileError(source.name, 0, "the file is empty")
-    if magic != records.MAGIC:
-        raise DamagedFileError(source.name, 0, f"this is no MCAP file: it starts with {magic!r}")
-    at = len(records.MAGIC)
-    opcode, length = records.prefix(head, at) if len(head) >= at + records.PREFIX_BYTES else (0, 0)
-    end = at + records.PREFIX_BYTES + length
-    if opcode != Opcode.HEADER or end > len(head):
-        if is_new and end > size:
-            return None
-        raise DamagedFileError(source.name, at, "an MCAP file without a header")
-    return records.header(Fields(head, source.name, 0, at + records.PREFIX_BYTES, end)), end
+        length = len(data) - records.PREFIX_BYTES
+        if length < 0 or records.prefix(data, 0) != (Opcode.METADATA, length):
+            what = "the index says that a metadata record starts here, but none does"
+            raise DamagedFileError(name, entry.offset, what)
+        return records.metadata(Fields(data, name, entry.offset, records.PREFIX_BYTES))

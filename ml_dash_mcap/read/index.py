@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from .losses import Loss
 from .records import AttachmentEntry, Channel, Chunk, Header, MetadataEntry, Schema, Statistics
 
 
 @dataclass(frozen=True, slots=True)
 class Glance:
-    """What is known of a file before its chunks are looked up."""
+    """What is known of a file before its chunks are looked up; no checksum has verified it."""
 
     header: Header
     schemas: Mapping[int, Schema]
@@ -38,8 +39,8 @@ class FileIndex:
     """Whether the file has its end: footer and closing magic."""
     end: int
     """Where the last whole record of the data section ends, in bytes."""
-    damage: str | None = None
-    """What was found broken and is left out, in words."""
+    losses: tuple[Loss, ...] = ()
+    """What was found broken and is left out."""
     statistics: Statistics | None = None
 
     def glance(self) -> Glance:

@@ -4,26 +4,36 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..layout import LARGE_BYTES, LARGE_RATIO
+
 MIB = 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Bounds that are checked before memory is taken; a file beyond them is refused as damaged."""
+    """Bounds that are checked before memory is taken; what lies beyond them is refused as damaged.
+
+    They keep a small file from taking much memory: under 300 MB for whatever unpacks to much more than it is long. A
+    file that really holds a chunk of 500 MB takes 500 MB to read; lower `chunk_bytes` where that is too much.
+
+    Example:
+        >>> Recording("upload.mcap", limits=Limits(chunk_bytes=64 * 1024 * 1024))
+    """
 
     chunk_bytes: int = 1024 * MIB
-    """An uncompressed chunk's records, in bytes."""
+    """A chunk's records, uncompressed, in bytes. Most tools write 1 to 4 MB, some above 100 MB."""
 
-    ratio: int = 2000
-    """Uncompressed to compressed size, for chunks above `any_ratio_bytes`."""
+    ratio: int = LARGE_RATIO
+    """Uncompressed to compressed size, for chunks above `any_ratio_bytes`; rows and images do not reach it."""
 
-    any_ratio_bytes: int = 64 * MIB
-    """Chunks up to this uncompressed size may be compressed by any ratio (rows of zeros compress very well)."""
+    any_ratio_bytes: int = LARGE_BYTES
+    """Chunks up to this uncompressed size, in bytes, may be compressed by any ratio: a black picture in 4K is 33 MB
+    that compress to 2 kB. Some of them are in memory at once."""
 
-    record_bytes: int = 256 * MIB
+    record_bytes: int = 64 * MIB
     """A schema, channel, message index or metadata record, in bytes."""
 
-    summary_bytes: int = 1024 * MIB
+    summary_bytes: int = 128 * MIB
     """A summary section, in bytes; a file with a larger one is walked."""
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from . import ahead, ordering, plan
-from . import chunk as chunks
 from .chunk import Messages
 from .file import File
 from .plan import Located
@@ -114,7 +113,7 @@ def cut(
     def jobs() -> Iterator[_Job]:
         for span in plan.spans(indexes, channels, start_ns, end_ns):
             file = files[span.file]
-            data = memoryview(file.source.read(span.offset, span.length))
+            data = memoryview(file.read_span(span.offset, span.length))
             for located in span.chunks:
                 start = located.chunk.offset - span.offset
                 record = data[start : located.end - span.offset]
@@ -128,20 +127,9 @@ def cut(
 
 def _cut_out(job: _Job, start_ns: int, end_ns: int) -> Iterator[Cut]:
     file, chunk = job.file, job.located.chunk
-    channels = [one for one in job.channels if not chunk.indexed or one.id in chunk.message_index_offsets]
-    if not channels:
-        return
-    unpacked = file.unpack(chunk, job.record[: chunk.length])
-    scanned = None if chunk.indexed else chunks.scan(unpacked, chunk, file.source.name).indexes
-    for channel in channels:
-        if scanned is None:
-            index = file.message_index(chunk, channel.id, job.record, chunk.offset)
-        else:
-            index = scanned.get(channel.id) or chunks.no_messages(channel.id)
-        index = chunks.within(index, start_ns, end_ns)
-        if len(index.offsets):
-            messages = chunks.gather(unpacked, index, chunk, file.source.name)
-            yield Cut(messages, job.located.rank, Origin(file, channel, chunk))
+    channels = {one.id: one for one in job.channels if not chunk.indexed or one.id in chunk.message_index_offsets}
+    for messages in file.cut(chunk, channels, start_ns, end_ns, job.record) if channels else ():
+        yield Cut(messages, job.located.rank, Origin(file, channels[messages.channel_id], chunk))
 
 
 def merge(cuts: Sequence[Cut]) -> Batch:

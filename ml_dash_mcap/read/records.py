@@ -236,7 +236,7 @@ def chunk_head(fields: Fields) -> ChunkHead:
     """Read the start of a Chunk's content."""
     start = fields.at
     start_ns, end_ns, size, crc = fields.u64(), fields.u64(), fields.u64(), fields.u32()
-    compression = fields.text()
+    compression = _compression(fields)
     length = fields.u64()
     return ChunkHead(start_ns, end_ns, size, crc, compression, fields.at - start, length)
 
@@ -258,13 +258,20 @@ def chunk_index(fields: Fields) -> Chunk:
         length=length,
         start_ns=start_ns,
         end_ns=end_ns,
-        compression=fields.text(),
+        compression=_compression(fields),
         compressed_size=fields.u64(),
         uncompressed_size=fields.u64(),
         message_index_offsets=message_index_offsets,
         message_index_length=message_index_length,
         indexed=bool(message_index_offsets),
     )
+
+
+def _compression(fields: Fields) -> str:
+    name = fields.text()
+    if name == LOOSE:
+        fields.refuse(f"the compression {name!r}, which no chunk can have")
+    return name
 
 
 def statistics(fields: Fields) -> Statistics:

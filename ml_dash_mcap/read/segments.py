@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..errors import MissingRecordingError
+from ..errors import DamagedFileError, MissingRecordingError
 from ..layout import ACTIVE_SUFFIX
 from . import folder
 from .file import File
+from .limits import DEFAULT, Limits
+from .losses import Loss, Losses
+from .source import identity
 
 
 class Segments:
@@ -18,23 +21,34 @@ class Segments:
         files: In the order of writing.
     """
 
-    def __init__(self, paths: Sequence[Path]) -> None:
+    def __init__(self, paths: Sequence[Path], limits: Limits = DEFAULT, *, salvages: bool = False) -> None:
         """Open what is there.
 
         Args:
             paths: Of folders and files; no file is opened twice.
+            limits: For what is read of a file.
+            salvages: Whether to leave out what is damaged, and note it, rather than to raise; also a file that is no
+                MCAP file, unless it is the only one that was asked for.
 
         Raises:
             MissingRecordingError: Nothing is.
             DamagedFileError: A file is no MCAP file, or a finished one is broken.
         """
         self._paths = list(paths)
+        self._limits = limits
+        self._salvages = salvages
+        self._refused = Losses()
         self.files: list[File] = []
         try:
             self.refresh()
         except BaseException:
             self.close()
             raise
+
+    @property
+    def losses(self) -> list[Loss]:
+        """What was found damaged so far, and left out."""
+        return [*self._refused.all(), *(loss for file in self.files for loss in file.losses)]
 
     def refresh(self) -> bool:
         """Open files that are new, and go on with those that have grown or were renamed.
@@ -45,15 +59,17 @@ class Segments:
         known = {_stem(file.path): file for file in self.files}
         files: list[File] = []
         changed = False
+        self._refused.clear()
         for path in self._present():
             file = known.get(_stem(path))
             if file is not None and file.is_at(path):
                 changed |= file.refresh(path)
                 del known[_stem(path)]
             else:
-                file = _open(path)
-                changed = True
-            files.append(file)
+                file = self._open(path)
+                changed |= file is not None
+            if file is not None:
+                files.append(file)
         for gone in known.values():
             gone.close()
         self.files = files
@@ -65,7 +81,28 @@ class Segments:
             file.close()
 
     def _present(self) -> list[Path]:
-        return list(dict.fromkeys(file for path in self._paths for file in _present_at(path)))
+        found = list(dict.fromkeys(file for path in self._paths for file in _present_at(path)))
+        if len(self._paths) == 1:
+            return found
+        return list({identity(path) or path: path for path in reversed(found)}.values())[::-1]
+
+    def _open(self, path: Path) -> File | None:
+        try:
+            return self._open_there(path)
+        except DamagedFileError as error:
+            is_all = len(self._paths) == 1 and not self._paths[0].is_dir()
+            if is_all or not self._salvages:
+                raise
+            self._refused.add(path, Loss(path, error.offset, error.what, None))
+            return None
+
+    def _open_there(self, path: Path) -> File:
+        try:
+            return File(path, self._limits, salvages=self._salvages)
+        except MissingRecordingError:
+            if _stem(path) == path:
+                raise
+            return File(_stem(path), self._limits, salvages=self._salvages)  # finished between listing and opening
 
 
 def _present_at(path: Path) -> list[Path]:
@@ -73,15 +110,6 @@ def _present_at(path: Path) -> list[Path]:
     if finished != path and not path.exists() and finished.exists():
         return [finished]  # the one file that was opened has been finished since
     return folder.segments(path)
-
-
-def _open(path: Path) -> File:
-    try:
-        return File(path)
-    except MissingRecordingError:
-        if _stem(path) == path:
-            raise
-        return File(_stem(path))  # it was finished between listing and opening
 
 
 def _stem(path: Path) -> Path:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 import threading
 import weakref
 from collections import OrderedDict
 from pathlib import Path
 from typing import Protocol
 
-from ..errors import MissingRecordingError, StorageError
+from ..errors import DamagedFileError, MissingRecordingError, StorageError
 
 
 class Source(Protocol):
@@ -51,6 +52,7 @@ class LocalFile:
         Raises:
             MissingRecordingError: There is no such file.
             StorageError: It cannot be opened.
+            DamagedFileError: It is a folder, a pipe or a device.
         """
         self.path = Path(path)
         self.bytes_read = 0
@@ -70,24 +72,24 @@ class LocalFile:
 
     def size(self) -> int:
         """Return how many bytes the file has now."""
-        try:
-            return os.fstat(self._opened().descriptor).st_size
-        except StorageError:
-            raise
-        except OSError as error:
-            raise self._error(error) from error
+        return self._size(self._opened())
 
     def is_at(self, path: Path) -> bool:
         """Whether a path leads to this very file, which may have been renamed since it was opened."""
-        try:
-            found = path.stat()
-        except OSError:
-            return False
-        return (found.st_dev, found.st_ino) == self._identity
+        return identity(path) == self._identity
+
+    def settle(self, path: Path) -> None:
+        """Take a name that it keeps from now on, so that it can be closed while nobody reads it."""
+        self.path = path
+        if self._stays_open:
+            self._stays_open = False
+            if not self._is_closed:
+                _keep(self)
 
     def read(self, offset: int, length: int) -> bytes:
         """Return the bytes of [offset, offset + length); fewer only where the file ends before."""
         handle = self._opened()
+        length = min(length, self._size(handle) - offset)  # both may be whatever a damaged file says
         parts: list[bytes] = []
         while length > 0:
             part = self._read_once(handle, offset, length)
@@ -97,6 +99,12 @@ class LocalFile:
             offset += len(part)
             length -= len(part)
         return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    def _size(self, handle: _Handle) -> int:
+        try:
+            return os.fstat(handle.descriptor).st_size
+        except OSError as error:
+            raise self._error(error) from error
 
     def _read_once(self, handle: _Handle, offset: int, length: int) -> bytes:
         try:
@@ -138,6 +146,19 @@ class LocalFile:
         self._handle = None
 
 
+def identity(path: Path) -> tuple[int, int] | None:
+    """Return what tells a file from all others, whatever it is called; None if there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+_HOW = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NONBLOCK", 0)
+"""Without waiting: a named pipe would wait for somebody to write."""
+
+
 class _Handle:
     """An open file, closed when nobody has it any more."""
 
@@ -146,11 +167,14 @@ class _Handle:
     def __init__(self, path: Path) -> None:
         self.descriptor = -1
         try:
-            self.descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0))
+            self.descriptor = os.open(path, _HOW)
+            kind = os.fstat(self.descriptor).st_mode
         except FileNotFoundError as error:
             raise MissingRecordingError(error.errno, "no such file", str(path)) from error
         except OSError as error:
             raise StorageError(error.errno, f"cannot be opened: {error.strerror}", str(path)) from error
+        if not stat.S_ISREG(kind):
+            raise DamagedFileError(path, 0, "this is no file that can be read: it is a folder, a pipe or a device")
 
     def identity(self) -> tuple[int, int]:
         """Return what tells this file from all others, whatever it is called."""

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TypeVar
 from zlib import crc32
 
-import numpy as np
-
 from ..errors import DamagedFileError
-from . import records
+from . import chunk_indexes, records
 from .fields import Fields
 from .index import FileIndex, Glance
 from .limits import Limits
-from .records import Footer, Header, Opcode
+from .records import AttachmentEntry, Channel, Chunk, Footer, Header, MetadataEntry, Opcode, Schema, Statistics
 from .source import Source
 
 _TAIL_BYTES = records.FOOTER_BYTES + len(records.MAGIC)
@@ -45,38 +45,83 @@ def read(source: Source, size: int, header: Header, found: Footer, limits: Limit
         DamagedFileError: The summary contradicts itself.
     """
     start, end = found.summary_start, size - _TAIL_BYTES
-    if start == 0 or not 0 < end - start <= limits.summary_bytes:
+    if not _is_plausible(found, size, limits):
         return None
     data = source.read(start, size - len(records.MAGIC) - start)
     if len(data) != end + records.FOOTER_BYTES - start:
         raise DamagedFileError(source.name, start, "the file was cut while its summary was read")
-    if found.summary_crc and crc32(data[:-4]) != found.summary_crc:
+    if found.summary_crc and crc32(memoryview(data)[:-4]) != found.summary_crc:
         raise DamagedFileError(source.name, start, "a summary whose checksum (CRC-32) does not match its content")
-    index = _collect(memoryview(data)[: end - start], source.name, header, start)
-    return index if _is_sufficient(index) else None
+    contents = _Contents(source.name)
+    contents.take(memoryview(data)[: end - start], start)
+    contents.check_apart(start)
+    return contents.index(header, start) if contents.is_sufficient() else None
 
 
-def glance(source: Source, size: int, header: Header, found: Footer) -> Glance | None:
+def glance(source: Source, size: int, header: Header, found: Footer, limits: Limits) -> Glance | None:
     """Read a long summary without its chunk indexes, so that opening a file costs the same however long it is.
+
+    What it says is not verified: the checksum is that of the whole summary.
 
     Returns:
         None where the summary is short, or does not say where its groups are: it is to be read as a whole.
     """
     start, end, groups_at = found.summary_start, size - _TAIL_BYTES, found.summary_offset_start
-    if not 0 < start < groups_at <= end or end - start <= _SMALL_BYTES or end - groups_at > _SMALL_BYTES:
+    if not _is_plausible(found, size, limits) or not start < groups_at <= end:
         return None
+    if end - start <= _SMALL_BYTES or end - groups_at > _SMALL_BYTES:
+        return None
+    contents = _Contents(source.name)
     try:
         groups = _groups(memoryview(source.read(groups_at, end - groups_at)), source.name, groups_at)
-        wanted = [(at, length) for opcode, at, length in groups if opcode != Opcode.CHUNK_INDEX]
-        if any(at < start or length > _SMALL_BYTES or at + length > groups_at for at, length in wanted):
+        wanted = {opcode: place for opcode, *place in groups if opcode != Opcode.CHUNK_INDEX}
+        if len({opcode for opcode, _, _ in groups}) < len(groups):
             return None
-        parts = [source.read(at, length) for at, length in wanted]
-        index = _collect(memoryview(b"".join(parts)), source.name, header, start)
+        if any(at < start or length > _SMALL_BYTES or at + length > groups_at for at, length in wanted.values()):
+            return None
+        for at, length in wanted.values():
+            contents.take(memoryview(source.read(at, length)), at)
+        contents.check_apart(start)
     except DamagedFileError:
         return None
-    if index.statistics is None:
+    if contents.statistics is None or not contents.knows_channels() or not contents.knows_entries():
         return None
-    return Glance(header, index.schemas, index.channels, index.metadata, index.attachments, index.statistics)
+    return Glance(
+        header,
+        contents.schemas,
+        contents.channels,
+        tuple(contents.metadata),
+        tuple(contents.attachments),
+        contents.statistics,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Clues:
+    """What a summary says that cannot be relied upon."""
+
+    places: list[int]
+    """Where records of the data section start, in bytes, sorted."""
+    message_count: int | None
+
+
+def clues(source: Source, size: int, found: Footer, limits: Limits) -> Clues:
+    """Take from a summary what can be taken from it, for whoever walks over damage."""
+    if not _is_plausible(found, size, limits):
+        return Clues([], None)
+    start = found.summary_start
+    contents = _Contents(source.name)
+    with suppress(DamagedFileError):
+        contents.take(memoryview(source.read(start, size - _TAIL_BYTES - start)), start)
+    places = {
+        entry.offset for entries in (contents.chunks, contents.metadata, contents.attachments) for entry in entries
+    }
+    said = contents.statistics
+    return Clues(sorted(places), None if said is None else said.message_count)
+
+
+def _is_plausible(found: Footer, size: int, limits: Limits) -> bool:
+    return found.summary_start > 0 and 0 < size - _TAIL_BYTES - found.summary_start <= limits.summary_bytes
 
 
 def _groups(data: memoryview, path: str, base: int) -> list[tuple[int, int, int]]:
@@ -88,142 +133,106 @@ def _groups(data: memoryview, path: str, base: int) -> list[tuple[int, int, int]
     ]
 
 
-def _collect(data: memoryview, path: str, header: Header, start: int) -> FileIndex:
-    schemas: dict[int, records.Schema] = {}
-    channels: dict[int, records.Channel] = {}
-    chunks: list[records.Chunk] = []
-    metadata: list[records.MetadataEntry] = []
-    attachments: list[records.AttachmentEntry] = []
-    statistics: records.Statistics | None = None
-    for opcode, at, fields in _split(data, path, start, chunks):
-        if opcode == Opcode.SCHEMA:
-            schema = records.schema(fields)
-            schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = records.channel(fields)
-            channels[channel.id] = channel
-        elif opcode == Opcode.CHUNK_INDEX:
-            chunk = records.chunk_index(fields)
-            _check(chunk, path, at, start)
-            chunks.append(chunk)
-        elif opcode == Opcode.METADATA_INDEX:
-            metadata.append(records.metadata_index(fields))
-        elif opcode == Opcode.ATTACHMENT_INDEX:
-            attachments.append(records.attachment_index(fields))
-        elif opcode == Opcode.STATISTICS:
-            statistics = records.statistics(fields)
-    return FileIndex(
-        path=path,
-        header=header,
-        schemas=schemas,
-        channels=channels,
-        chunks=tuple(sorted(chunks, key=lambda chunk: chunk.offset)),
-        message_counts=statistics.channel_message_counts if statistics is not None else {},
-        metadata=tuple(sorted(metadata, key=lambda entry: entry.offset)),
-        attachments=tuple(attachments),
-        finished=True,
-        end=start,
-        statistics=statistics,
-    )
+Entry = TypeVar("Entry", Chunk, MetadataEntry, AttachmentEntry)
 
 
-def _split(data: memoryview, path: str, start: int, chunks: list[records.Chunk]) -> Iterator[tuple[int, int, Fields]]:
-    """Walk a summary's records like `records.split`, but take runs of like chunk indexes at once into `chunks`."""
-    at = 0
-    while at < len(data):
-        end = at + _take_run(data, at, start, chunks)
-        if end == at:
-            one = next(records.split(data[at:], path, start + at))
-            yield one
-            end = at + records.PREFIX_BYTES + records.prefix(data, at)[1]
-        at = end
+@dataclass(slots=True)
+class _Contents:
+    """What the records of a summary say."""
 
+    path: str
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    chunks: list[Chunk] = field(default_factory=list)
+    metadata: list[MetadataEntry] = field(default_factory=list)
+    attachments: list[AttachmentEntry] = field(default_factory=list)
+    statistics: Statistics | None = None
 
-def _take_run(data: memoryview, at: int, summary_start: int, chunks: list[records.Chunk]) -> int:
-    """Read the chunk indexes of one form that start here; returns how many bytes they take, 0 for none to speak of."""
-    fixed = records.PREFIX_BYTES + 8 * 4 + 4
-    if len(data) - at < fixed or data[at] != Opcode.CHUNK_INDEX:
-        return 0
-    channels, rest = divmod(int.from_bytes(data[at + fixed - 4 : at + fixed], "little"), 10)
-    size = records.PREFIX_BYTES + records.prefix(data, at)[1]
-    letters = size - fixed - 10 * channels - 8 - 4 - 8 - 8
-    if rest or letters < 0 or len(data) - at < 2 * size:
-        return 0
-    form = np.dtype(
-        [
-            ("prefix", f"S{records.PREFIX_BYTES}"),
-            ("times", "<u8", (2,)),
-            ("place", "<u8", (2,)),
-            ("map_bytes", "<u4"),
-            ("map", np.dtype([("channel", "<u2"), ("offset", "<u8")]), (channels,)),
-            ("index_bytes", "<u8"),
-            ("letters", "<u4"),
-            ("compression", np.uint8, (letters,)),
-            ("sizes", "<u8", (2,)),
-        ]
-    )
-    run = np.frombuffer(data, form, (len(data) - at) // size, at)
-    alike = (run["prefix"] == run["prefix"][0]) & (run["map_bytes"] == 10 * channels) & (run["letters"] == letters)
-    alike &= (run["compression"] == run["compression"][0]).all(axis=1)
-    offset, length = run["place"].T
-    sound = (offset >= len(records.MAGIC)) & (offset < summary_start) & (length < summary_start)
-    sound &= run["index_bytes"] < summary_start
-    ends = offset + length
-    sound &= ends + run["index_bytes"] <= summary_start
-    indexes = run["map"]["offset"]
-    sound &= (indexes >= ends[:, None]).all(axis=1)
-    sound &= (indexes + np.uint64(records.PREFIX_BYTES) <= (ends + run["index_bytes"])[:, None]).all(axis=1)
-    good = alike & sound
-    count = len(good) if good.all() else int(good.argmin())
-    if count < 2:
-        return 0
-    run = run[:count]
-    compression = bytes(run["compression"][0]).decode("utf-8", "replace")
-    for (start_ns, end_ns), (place, bytes_), ids, places, index_bytes, (packed, unpacked) in zip(
-        run["times"].tolist(),
-        run["place"].tolist(),
-        run["map"]["channel"].tolist(),
-        run["map"]["offset"].tolist(),
-        run["index_bytes"].tolist(),
-        run["sizes"].tolist(),
-        strict=True,
-    ):
-        chunks.append(
-            records.Chunk(
-                offset=place,
-                length=bytes_,
-                start_ns=start_ns,
-                end_ns=end_ns,
-                compression=compression,
-                compressed_size=packed,
-                uncompressed_size=unpacked,
-                message_index_offsets=dict(zip(ids, places, strict=True)),
-                message_index_length=index_bytes,
-                indexed=channels > 0,
-            )
+    def take(self, data: memoryview, start: int) -> None:
+        """Take in records; `start` is where in the file they do.
+
+        Raises:
+            DamagedFileError: A record contradicts itself, or points where it cannot point to.
+        """
+        for opcode, at, fields in chunk_indexes.split(data, self.path, start, self.chunks):
+            if opcode == Opcode.SCHEMA:
+                schema = records.schema(fields)
+                self.schemas[schema.id] = schema
+            elif opcode == Opcode.CHANNEL:
+                channel = records.channel(fields)
+                self.channels[channel.id] = channel
+            elif opcode == Opcode.CHUNK_INDEX:
+                chunk = records.chunk_index(fields)
+                chunk_indexes.check(chunk, self.path, at, start)
+                self.chunks.append(chunk)
+            elif opcode == Opcode.METADATA_INDEX:
+                self.metadata.append(records.metadata_index(fields))
+            elif opcode == Opcode.ATTACHMENT_INDEX:
+                self.attachments.append(records.attachment_index(fields))
+            elif opcode == Opcode.STATISTICS:
+                self.statistics = records.statistics(fields)
+
+    def check_apart(self, end: int) -> None:
+        """Sort what is in the file by where it lies, and check that nothing does twice, nor behind `end`.
+
+        Raises:
+            DamagedFileError: Something does: a small file could say any number of times what one long record says.
+        """
+        self.chunks = _in_order(self.chunks)
+        self.metadata = _in_order(self.metadata)
+        self.attachments = _in_order(self.attachments)
+        places = [(chunk.offset, chunk.end + chunk.message_index_length) for chunk in self.chunks]
+        places += [(entry.offset, entry.offset + entry.length) for entry in self.metadata]
+        places += [(entry.offset, entry.offset + entry.length) for entry in self.attachments]
+        if self.metadata or self.attachments:
+            places.sort()
+        last = 0
+        for start, stop in places:
+            if start < last or not start < stop <= end:
+                raise DamagedFileError(self.path, start, "the summary puts something here where it cannot be")
+            last = stop
+
+    def index(self, header: Header, end: int) -> FileIndex:
+        """Return it as the index of a file whose data section ends at `end`."""
+        return FileIndex(
+            path=self.path,
+            header=header,
+            schemas=self.schemas,
+            channels=self.channels,
+            chunks=tuple(self.chunks),
+            message_counts=self.statistics.channel_message_counts if self.statistics is not None else {},
+            metadata=tuple(self.metadata),
+            attachments=tuple(self.attachments),
+            finished=True,
+            end=end,
+            statistics=self.statistics,
         )
-    return count * size
+
+    def is_sufficient(self) -> bool:
+        """Whether it says enough to find every message, channel, metadata record and attachment."""
+        said = self.statistics
+        if said is None or said.chunk_count != len(self.chunks) or (said.message_count and not self.chunks):
+            return False
+        named: set[int] = set()
+        for chunk in self.chunks:
+            named.update(chunk.message_index_offsets)
+        return named <= set(self.channels) and self.knows_channels() and self.knows_entries()
+
+    def knows_channels(self) -> bool:
+        """Whether all channels that have messages are known, with their schemas."""
+        counts = {} if self.statistics is None else self.statistics.channel_message_counts
+        if self.statistics is None or self.statistics.message_count != sum(counts.values()):
+            return False
+        schemas = {channel.schema_id for channel in self.channels.values()}
+        return set(counts) <= set(self.channels) and schemas <= {0, *self.schemas}
+
+    def knows_entries(self) -> bool:
+        """Whether all metadata records and attachments are known."""
+        said = self.statistics
+        if said is None:
+            return False
+        return (said.metadata_count, said.attachment_count) == (len(self.metadata), len(self.attachments))
 
 
-def _check(chunk: records.Chunk, path: str, at: int, summary_start: int) -> None:
-    if not (len(records.MAGIC) <= chunk.offset and chunk.end + chunk.message_index_length <= summary_start):
-        raise DamagedFileError(path, at, "a chunk index that points outside the data section")
-    for offset in chunk.message_index_offsets.values():
-        if not chunk.end <= offset <= chunk.end + chunk.message_index_length - records.PREFIX_BYTES:
-            raise DamagedFileError(path, at, "a chunk index whose message indexes do not lie behind the chunk")
-
-
-def _is_sufficient(index: FileIndex) -> bool:
-    statistics = index.statistics
-    if statistics is None:
-        return False
-    if statistics.message_count != sum(statistics.channel_message_counts.values()):
-        return False
-    if statistics.message_count and not index.chunks:
-        return False
-    if statistics.chunk_count != len(index.chunks) or statistics.metadata_count != len(index.metadata):
-        return False
-    named = set(statistics.channel_message_counts)
-    for chunk in index.chunks:
-        named.update(chunk.message_index_offsets)
-    return named <= set(index.channels) and {c.schema_id for c in index.channels.values()} <= {0, *index.schemas}
+def _in_order(entries: list[Entry]) -> list[Entry]:
+    return sorted(entries, key=lambda entry: entry.offset)

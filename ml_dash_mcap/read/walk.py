@@ -2,290 +2,246 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 from ..errors import DamagedFileError
 from . import chunk as chunks
 from . import records
-from .fields import Fields
 from .index import FileIndex
 from .limits import Limits
+from .losses import Loss
 from .records import Chunk, Header, Opcode
 from .source import Source
+from .summary import Clues
+from .walked import Walked
+from .window import Window
 
-_WINDOW_BYTES = 16 * 1024
-_LOOSE_BYTES = 4 * 1024 * 1024
-"""Messages outside chunks are taken together up to this many bytes."""
+_NOT_BEHIND_DATA = {Opcode.HEADER, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END}
+"""Records that no file has behind its DataEnd."""
+
+_DATA_END_BYTES = records.PREFIX_BYTES + 4
 
 
-def walk(
-    source: Source, size: int, header: Header, first: int, limits: Limits, previous: FileIndex | None
-) -> FileIndex:
-    """Index what lies whole in an unfinished file: everything up to where it was cut, or to where it grows.
+class Walk:
+    """One walk over a file. One thread uses it, once.
 
-    Chunks are stepped over by their length. The checksum of the last one is verified, because a file that a crash
-    or a power cut ended may have its length and not its bytes.
-
-    Args:
-        source: The file.
-        size: Its size, in bytes; what is appended meanwhile is left for the next walk.
-        header: Its Header record.
-        first: Where the first record behind the header starts.
-        limits: For what is read.
-        previous: An earlier walk's result, to go on from.
+    Chunks are stepped over by their length, and looked into where nothing else says what is in them.
     """
-    walker = _Walker(source, size, limits)
-    at = first
-    if previous is not None:
-        at = walker.resume(previous)
-    walker.run(at)
-    return walker.result(header, previous)
 
-
-def walk_finished(source: Source, size: int, header: Header, first: int, limits: Limits) -> FileIndex:
-    """Index a finished file whose summary does not help.
-
-    Raises:
-        DamagedFileError: The data section itself is damaged.
-    """
-    walker = _Walker(source, size, limits)
-    walker.run(first)
-    if walker.damage is not None or not walker.at_data_end:
-        raise DamagedFileError(source.name, walker.end, walker.damage or "a data section without an end")
-    walker.read_inside_chunks(strict=True)
-    return replace(walker.index(header), finished=True)
-
-
-@dataclass
-class _Walker:
-    source: Source
-    size: int
-    limits: Limits
-    schemas: dict[int, records.Schema] = field(default_factory=dict)
-    channels: dict[int, records.Channel] = field(default_factory=dict)
-    chunks: list[Chunk] = field(default_factory=list)
-    metadata: list[records.MetadataEntry] = field(default_factory=list)
-    attachments: list[records.AttachmentEntry] = field(default_factory=list)
-    end: int = 0
-    damage: str | None = None
-    at_data_end: bool = False
-    _window: bytes = b""
-    _window_at: int = 0
-
-    def resume(self, previous: FileIndex) -> int:
-        """Take over what an earlier walk found; returns where it stopped."""
-        self.schemas.update(previous.schemas)
-        self.channels.update(previous.channels)
-        self.chunks.extend(previous.chunks)
-        self.metadata.extend(previous.metadata)
-        self.attachments.extend(previous.attachments)
-        return previous.end
-
-    def run(self, at: int) -> None:
-        """Take whole records from `at` on until the data section, the file or its soundness ends."""
-        self.end = at
-        while at < self.size:
-            if self.size - at < records.PREFIX_BYTES:
-                self.damage = f"cut off in the middle of a record at byte {at}"
-                return
-            opcode, length = records.prefix(self._bytes(at, records.PREFIX_BYTES), 0)
-            end = at + records.PREFIX_BYTES + length
-            if opcode == 0:
-                self.damage = f"no record at byte {at}"
-                return
-            if end > self.size:
-                self.damage = f"cut off in the middle of a record at byte {at}"
-                return
-            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
-                self.at_data_end = True
-                return
-            try:
-                self._take(opcode, at, length)
-            except DamagedFileError as error:
-                self.damage = str(error)
-                return
-            at = self.end = end
-
-    def read_inside_chunks(self, *, strict: bool) -> None:
-        """Open the chunks whose messages nobody has indexed, or that hold the records of channels we need.
+    def __init__(
+        self, source: Source, size: int, header: Header, limits: Limits, *, is_new: bool = False, salvages: bool = False
+    ) -> None:
+        """Get ready.
 
         Args:
-            strict: Whether a damaged one is an error here, rather than when somebody reads it.
+            source: The file.
+            size: Its size, in bytes; what is appended meanwhile is left for the next walk.
+            header: Its Header record.
+            limits: For what is read.
+            is_new: Whether it is in progress, so that it may end anywhere without a loss.
+            salvages: Whether to step over damage and note it, rather than to stop at it.
         """
-        for position, chunk in enumerate(self.chunks):
-            unknown = chunk.counts is None or not set(chunk.counts) <= set(self.channels)
-            if chunk.compression == records.LOOSE or not unknown:
-                continue
-            try:
-                self.chunks[position] = self._look_into(chunk)
-            except DamagedFileError as error:
-                if strict:
-                    raise
-                self.damage = str(error)
-                self.chunks[position] = replace(chunk, counts=chunk.counts or {})
+        self._source = source
+        self._size = size
+        self._header = header
+        self._limits = limits
+        self._is_new = is_new
+        self._salvages = salvages
+        self._window = Window(source, size, limits)
+        self._walked = Walked(self._window)
+        self._end = 0
+        self._has_data_end = False
+        self._losses: list[Loss] = []
 
-    def verify_last_chunk(self, verified: int) -> None:
+    def unfinished(self, first: int, previous: FileIndex | None = None) -> FileIndex:
+        """Index what lies whole in an unfinished file: everything up to where it was cut, or to where it grows.
+
+        The checksum of the last chunk is verified, because a file that a crash or a power cut ended may have its
+        length and not its bytes.
+
+        Args:
+            first: Where the first record behind the header starts.
+            previous: An earlier walk's result, to go on from.
+        """
+        at, verified = first, 0
+        if previous is not None:
+            self._walked.resume(previous)
+            self._losses = [loss for loss in previous.losses if loss.offset < previous.end]
+            at, verified = previous.end, previous.chunks[-1].end if previous.chunks else 0
+        self._run(at)
+        self._walked.settle()
+        self._verify_last_chunk(verified)
+        self._look_inside()
+        if not self._is_new and not any(loss.offset >= self._end for loss in self._losses):
+            self._note_missing_end()
+        return self._index(finished=False)
+
+    def finished(self, first: int, clues: Clues | None) -> FileIndex:
+        """Index a finished file whose summary does not help.
+
+        Args:
+            first: Where the first record behind the header starts.
+            clues: What the summary says; None where nothing may be lost.
+
+        Raises:
+            DamagedFileError: The data section itself is damaged, and nothing may be lost.
+        """
+        self._run(first, () if clues is None else clues.places)
+        if not self._has_data_end and not self._losses:
+            self._lose(self._end, "a data section without an end", None)
+        if self._losses and clues is None:
+            loss = self._losses[0]
+            raise DamagedFileError(loss.path, loss.offset, loss.what)
+        self._walked.settle()
+        self._look_inside(strict=clues is None)
+        index = self._index(finished=True)
+        if clues is not None and clues.message_count is not None:
+            index = replace(index, losses=_counted(index, clues.message_count))
+        return index
+
+    def _run(self, at: int, places: Sequence[int] = ()) -> None:
+        """Take in whole records from `at` on until the data section or the file ends, or its soundness.
+
+        Args:
+            at: Where to start.
+            places: Where else records start, sorted: there it goes on behind what nobody can walk over.
+        """
+        while True:
+            what = self._go(at)
+            if what is None:
+                return
+            self._lose(self._end, what, None)
+            after = bisect_right(places, self._end)
+            if not self._salvages or after == len(places):
+                return
+            self._walked.doubt()
+            at = places[after]
+
+    def _go(self, at: int) -> str | None:
+        """Take in records; returns what is wrong with the one that it stopped at, if something is."""
+        self._end = at
+        while at < self._size:
+            is_short = self._size - at < records.PREFIX_BYTES
+            opcode, length = (0, 0) if is_short else records.prefix(self._window.bytes(at, records.PREFIX_BYTES), 0)
+            end = at + records.PREFIX_BYTES + length
+            if is_short or (opcode and end > self._size):
+                return None if self._is_new else "cut off in the middle of a record"
+            if not opcode:
+                return None if self._is_new else "no record starts here"
+            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                self._has_data_end = self._is_data_end(opcode, at, end)
+                return None if self._has_data_end else "a record that ends the data section in its middle"
+            try:
+                self._walked.take(opcode, at, length)
+            except DamagedFileError as error:
+                if not self._salvages or opcode in (Opcode.CHUNK, Opcode.MESSAGE_INDEX):
+                    return error.what  # of those it is the length that is wrong: nobody knows where the next one is
+                self._lose(at, error.what, 0 if opcode in (Opcode.METADATA, Opcode.ATTACHMENT) else None)
+            at = self._end = end
+        return None
+
+    def _is_data_end(self, opcode: int, at: int, end: int) -> bool:
+        """Whether what looks like the end of the data section has behind it what lies behind one."""
+        if opcode == Opcode.FOOTER:
+            return end - at == records.FOOTER_BYTES and end + len(records.MAGIC) == self._size
+        if end - at < _DATA_END_BYTES:
+            return False
+        return end == self._size or self._window.bytes(end, 1)[0] not in _NOT_BEHIND_DATA
+
+    def _verify_last_chunk(self, verified: int) -> None:
         """Check the last chunk's content; if it is broken, the file ends before it.
 
         Args:
             verified: Where the last chunk that was already verified ends.
         """
-        if not self.chunks or self.chunks[-1].compression == records.LOOSE:
+        found = self._walked.chunks
+        if not found or found[-1].compression == records.LOOSE or found[-1].end <= verified:
             return
-        last = self.chunks[-1]
+        last = found[-1]
         try:
-            if last.end > verified:
-                self.chunks[-1] = self._look_into(last)
-            else:
-                self.chunks[-1] = replace(last, indexed=_covers(last))
+            self._look_into(len(found) - 1)
         except DamagedFileError as error:
-            self.damage = str(error)
-            self.end = last.offset
-            self.at_data_end = False
-            self.chunks.pop()
-            self.metadata = [entry for entry in self.metadata if entry.offset < self.end]
-            self.attachments = [entry for entry in self.attachments if entry.offset < self.end]
+            self._end = last.offset
+            self._has_data_end = False
+            self._losses = [loss for loss in self._losses if loss.offset < last.offset]
+            self._lose(last.offset, error.what, _known(last))
+            self._walked.drop_last()
 
-    def index(self, header: Header) -> FileIndex:
-        """Return what was found."""
+    def _look_inside(self, *, strict: bool = False) -> None:
+        """Open the chunks whose messages nobody has indexed, or that hold the records of channels we need.
+
+        Args:
+            strict: Whether a damaged one is an error here, rather than when somebody reads it.
+        """
+        walked = self._walked
+        for position, chunk in enumerate(walked.chunks):
+            unknown = chunk.counts is None or not chunk.counts.keys() <= walked.channels.keys()
+            if chunk.compression == records.LOOSE or not unknown:
+                continue
+            try:
+                self._look_into(position)
+            except DamagedFileError as error:
+                if strict:
+                    raise
+                self._lose(chunk.offset, error.what, _known(chunk))
+                if self._salvages:
+                    chunk = replace(chunk, counts={}, message_index_offsets={}, indexed=False)
+                walked.chunks[position] = replace(chunk, counts=chunk.counts or {})
+
+    def _look_into(self, position: int) -> None:
+        chunk, name = self._walked.chunks[position], self._source.name
+        chunks.check_size(chunk, name, self._limits)
+        record = self._source.read(chunk.offset, chunk.length)
+        self._walked.learn(position, chunks.scan(chunks.unpack(record, chunk, name, self._limits), chunk, name))
+
+    def _note_missing_end(self) -> None:
+        if self._has_data_end:
+            self._lose(self._end, "the file's end is damaged; all its data is there", 0)
+        else:
+            self._lose(self._end, "the file has no end; what lay behind this is lost", None)
+
+    def _lose(self, offset: int, what: str, messages: int | None) -> None:
+        self._losses.append(Loss(Path(self._source.name), offset, what, messages))
+
+    def _index(self, *, finished: bool) -> FileIndex:
+        walked = self._walked
         counts: dict[int, int] = {}
-        for chunk in self.chunks:
+        for chunk in walked.chunks:
             for channel_id, count in (chunk.counts or {}).items():
                 counts[channel_id] = counts.get(channel_id, 0) + count
+        for channel_id in counts.keys() - walked.channels.keys():
+            what = f"messages of channel {channel_id}, which no record describes"
+            self._lose(self._end, what, counts.pop(channel_id))
         return FileIndex(
-            path=self.source.name,
-            header=header,
-            schemas=self.schemas,
-            channels=self.channels,
-            chunks=tuple(self.chunks),
+            path=self._source.name,
+            header=self._header,
+            schemas=walked.schemas,
+            channels=walked.channels,
+            chunks=tuple(walked.chunks),
             message_counts=counts,
-            metadata=tuple(self.metadata),
-            attachments=tuple(self.attachments),
-            finished=False,
-            end=self.end,
-            damage=self.damage,
+            metadata=tuple(walked.metadata),
+            attachments=tuple(walked.attachments),
+            finished=finished,
+            end=self._end,
+            losses=tuple(self._losses),
         )
 
-    def result(self, header: Header, previous: FileIndex | None) -> FileIndex:
-        """Verify, look where looking is needed, and return what an unfinished file holds."""
-        verified = previous.chunks[-1].end if previous is not None and previous.chunks else 0
-        self.verify_last_chunk(verified)
-        self.read_inside_chunks(strict=False)
-        return self.index(header)
 
-    def _look_into(self, chunk: Chunk) -> Chunk:
-        record = self.source.read(chunk.offset, chunk.length)
-        found = chunks.scan(chunks.unpack(record, chunk, self.source.name, self.limits), chunk, self.source.name)
-        for schema_id, schema in found.schemas.items():
-            self.schemas.setdefault(schema_id, schema)
-        for channel_id, channel in found.channels.items():
-            self.channels.setdefault(channel_id, channel)
-        complete = replace(chunk, counts=found.counts)
-        return replace(complete, indexed=_covers(complete))
-
-    def _take(self, opcode: int, at: int, length: int) -> None:
-        if opcode == Opcode.CHUNK:
-            self._take_chunk(at, length)
-        elif opcode == Opcode.MESSAGE_INDEX:
-            self._take_message_index(at, length)
-        elif opcode == Opcode.MESSAGE:
-            self._take_loose_message(at, length)
-        elif opcode == Opcode.SCHEMA:
-            schema = records.schema(self._content(at, length))
-            self.schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = records.channel(self._content(at, length))
-            self.channels[channel.id] = channel
-        elif opcode == Opcode.METADATA:
-            name = records.metadata(self._content(at, length)).name
-            self.metadata.append(records.MetadataEntry(name, at, records.PREFIX_BYTES + length))
-        elif opcode == Opcode.ATTACHMENT:
-            start = self._content(at, length, at_most=_WINDOW_BYTES)
-            self.attachments.append(records.attachment(start, at, records.PREFIX_BYTES + length))
-
-    def _take_chunk(self, at: int, length: int) -> None:
-        head = records.chunk_head(self._content(at, length, at_most=records.CHUNK_HEAD_BYTES))
-        if head.records_at + head.records_length != length:
-            raise DamagedFileError(self.source.name, at, "a chunk whose record and content have different lengths")
-        self.chunks.append(
-            Chunk(
-                offset=at,
-                length=records.PREFIX_BYTES + length,
-                start_ns=head.start_ns,
-                end_ns=head.end_ns,
-                compression=head.compression,
-                compressed_size=head.records_length,
-                uncompressed_size=head.uncompressed_size,
-                indexed=False,
-            )
-        )
-
-    def _take_message_index(self, at: int, length: int) -> None:
-        fields = self._content(at, length, at_most=6)
-        channel_id, entries_length = fields.u16(), fields.u32()
-        if entries_length > length - 6 or entries_length % 16:
-            raise DamagedFileError(self.source.name, at, "a message index whose length contradicts itself")
-        if not self.chunks or self.chunks[-1].compression == records.LOOSE:
-            return
-        chunk = self.chunks[-1]
-        grown = replace(
-            chunk,
-            message_index_offsets={**chunk.message_index_offsets, channel_id: at},
-            message_index_length=at + records.PREFIX_BYTES + length - chunk.end,
-            counts={**(chunk.counts or {}), channel_id: entries_length // 16},
-        )
-        self.chunks[-1] = replace(grown, indexed=_covers(grown))
-
-    def _take_loose_message(self, at: int, length: int) -> None:
-        fields = self._content(at, length, at_most=22)
-        channel_id, _sequence, time_ns = fields.u16(), fields.u32(), fields.u64()
-        fields.u64()
-        total = records.PREFIX_BYTES + length
-        last = self.chunks[-1] if self.chunks else None
-        if (
-            last is None
-            or last.compression != records.LOOSE
-            or last.end != at
-            or last.length + total > _LOOSE_BYTES
-            or last.counts is None
-        ):
-            self.chunks.append(
-                Chunk(at, total, time_ns, time_ns, records.LOOSE, total, total, indexed=False, counts={channel_id: 1})
-            )
-            return
-        self.chunks[-1] = replace(
-            last,
-            length=last.length + total,
-            start_ns=min(last.start_ns, time_ns),
-            end_ns=max(last.end_ns, time_ns),
-            compressed_size=last.length + total,
-            uncompressed_size=last.length + total,
-            counts={**last.counts, channel_id: last.counts.get(channel_id, 0) + 1},
-        )
-
-    def _content(self, at: int, length: int, at_most: int | None = None) -> Fields:
-        """Return a record's content, or only its first bytes."""
-        if at_most is not None:
-            length = min(length, at_most)
-        if length > self.limits.record_bytes:
-            raise DamagedFileError(
-                self.source.name, at, f"a record of {length} bytes; the limit is {self.limits.record_bytes}"
-            )
-        start = at + records.PREFIX_BYTES
-        return Fields(self._bytes(start, length), self.source.name, start)
-
-    def _bytes(self, at: int, length: int) -> bytes:
-        offset = at - self._window_at
-        if offset < 0 or offset + length > len(self._window):
-            wanted = min(max(length, _WINDOW_BYTES), self.size - at)
-            self._window = self.source.read(at, wanted)
-            self._window_at = at
-            offset = 0
-            if len(self._window) < length:
-                raise DamagedFileError(self.source.name, at, "the file was cut while it was read")
-        return self._window[offset : offset + length]
+def _known(chunk: Chunk) -> int | None:
+    """Return how many messages a chunk has, if somebody has counted them."""
+    return None if chunk.counts is None else sum(chunk.counts.values())
 
 
-def _covers(chunk: Chunk) -> bool:
-    """Whether the message indexes found behind a chunk are of all channels in it."""
-    return chunk.counts is not None and set(chunk.counts) <= set(chunk.message_index_offsets)
+def _counted(index: FileIndex, message_count: int) -> tuple[Loss, ...]:
+    """Say of the one loss of unknown size how many messages it is, by how many the file once had."""
+    uncounted = [loss for loss in index.losses if loss.messages is None]
+    if len(uncounted) != 1:
+        return index.losses
+    known = sum(loss.messages or 0 for loss in index.losses) + sum(index.message_counts.values())
+    missing = message_count - known
+    return tuple(
+        replace(loss, messages=missing) if loss is uncounted[0] and missing >= 0 else loss for loss in index.losses
+    )

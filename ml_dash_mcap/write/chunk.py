@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ..layout import LARGE_BYTES, LARGE_RATIO
 from ..options import RecorderOptions
 from . import records
 from .rows import Rows
@@ -103,9 +104,11 @@ def build(rows: Rows, compress: Compressor) -> Chunk:
     crc = zlib.crc32(block)
     start_ns, end_ns = int(rows.times.min()), int(rows.times.max())
     indexes, counts = _index(rows)
-    data = compress(block)
-    head = records.chunk_head(start_ns, end_ns, len(block), crc, compress.name, len(data))
-    return Chunk(head, data, compress.name, len(block), start_ns, end_ns, indexes, counts)
+    data, compression = compress(block), compress.name
+    if len(block) > LARGE_BYTES and len(block) > LARGE_RATIO * len(data):
+        data, compression = block, ""
+    head = records.chunk_head(start_ns, end_ns, len(block), crc, compression, len(data))
+    return Chunk(head, data, compression, len(block), start_ns, end_ns, indexes, counts)
 
 
 def _index(rows: Rows) -> tuple[dict[int, bytes], dict[int, int]]:

@@ -22,22 +22,23 @@ RAW = message(1, 10, b"{}") + message(2, 20, b"[1]") + message(1, 30, b'{"a":1}'
 
 
 def record(
-    packed: bytes, compression: str, *, size: int | None = None, crc: int | None = None, length: int | None = None
+    packed: bytes, compression: str, *, size: int = len(RAW), crc: int = zlib.crc32(RAW), length: int | None = None
 ) -> bytes:
     name = compression.encode()
-    content = struct.pack("<QQQI", 10, 30, len(RAW) if size is None else size, zlib.crc32(RAW) if crc is None else crc)
-    content += (
-        struct.pack("<I", len(name)) + name + struct.pack("<Q", len(packed) if length is None else length) + packed
-    )
+    content = struct.pack("<QQQI", 10, 30, size, crc)
+    content += struct.pack("<I", len(name)) + name
+    content += struct.pack("<Q", len(packed) if length is None else length) + packed
     return struct.pack("<BQ", 6, len(content)) + content
 
 
-def entry(compression: str = "") -> Chunk:
-    return Chunk(0, 0, 10, 30, compression, 0, len(RAW))
+def entry(compression: str = "", packed: int = len(RAW), size: int = len(RAW)) -> Chunk:
+    return Chunk(0, 0, 10, 30, compression, packed, size)
 
 
-def unpack(data: bytes, limits: Limits = DEFAULT) -> bytes:
-    return chunks.unpack(data, entry(), "file.mcap", limits)
+def unpack(packed: bytes, compression: str, limits: Limits = DEFAULT, *, size: int = len(RAW), **how: int) -> bytes:
+    """Unpack a chunk with an index that agrees with it."""
+    data = record(packed, compression, size=size, **how)
+    return chunks.unpack(data, entry(compression, len(packed), size), "file.mcap", limits)
 
 
 @pytest.mark.parametrize(
@@ -45,16 +46,16 @@ def unpack(data: bytes, limits: Limits = DEFAULT) -> bytes:
     [("", RAW), ("zstd", zstandard.compress(RAW)), ("lz4", lz4.frame.compress(RAW))],
 )
 def test_every_compression_of_the_specification_is_unpacked(compression, packed):
-    assert unpack(record(packed, compression)) == RAW
+    assert unpack(packed, compression) == RAW
 
 
 def test_zstd_without_a_content_size_is_unpacked():
     packed = zstandard.ZstdCompressor(write_content_size=False).compress(RAW)
-    assert unpack(record(packed, "zstd")) == RAW
+    assert unpack(packed, "zstd") == RAW
 
 
 def test_a_checksum_of_0_means_that_there_is_none():
-    assert unpack(record(RAW, "", crc=0)) == RAW
+    assert unpack(RAW, "", crc=0) == RAW
 
 
 def test_messages_outside_chunks_are_taken_as_they_are():
@@ -62,21 +63,35 @@ def test_messages_outside_chunks_are_taken_as_they_are():
 
 
 @pytest.mark.parametrize(
-    ("data", "what"),
+    ("packed", "compression", "how", "what"),
     [
-        (record(RAW, "", crc=1), "checksum"),
-        (record(RAW, "", size=5), "announces 5 bytes"),
-        (record(RAW, "brotli"), "unknown compression 'brotli'"),
-        (record(b"nonsense", "zstd"), "cannot be uncompressed"),
-        (record(b"nonsense", "lz4"), "cannot be uncompressed"),
-        (record(RAW, "", length=3), "different lengths"),
-        (record(RAW, "")[:-1], "none does"),
-        (b"", "none does"),
+        (RAW, "", {"crc": 1}, "checksum"),
+        (RAW, "", {"size": 5}, "announces 5 bytes"),
+        (RAW, "brotli", {}, "unknown compression 'brotli'"),
+        (b"nonsense", "zstd", {}, "cannot be uncompressed"),
+        (b"nonsense", "lz4", {}, "cannot be uncompressed"),
+        (RAW, "", {"length": 3}, "different lengths"),
+        (RAW, "", {"length": 2**64 - 1}, "different lengths"),
     ],
 )
-def test_a_chunk_that_contradicts_itself_is_refused(data, what):
+def test_a_chunk_that_contradicts_itself_is_refused(packed, compression, how, what):
     with pytest.raises(DamagedFileError, match=what):
-        unpack(data)
+        unpack(packed, compression, **how)
+
+
+@pytest.mark.parametrize(
+    ("data", "index", "what"),
+    [
+        (record(RAW, "")[:-1], entry(), "none does"),
+        (b"", entry(), "none does"),
+        (record(RAW, ""), entry("zstd"), "contradicts its index"),
+        (record(RAW, ""), entry(size=5), "contradicts its index"),
+        (record(RAW, ""), entry(packed=5), "contradicts its index"),
+    ],
+)
+def test_a_chunk_that_is_not_what_its_index_says_is_refused(data, index, what):
+    with pytest.raises(DamagedFileError, match=what):
+        chunks.unpack(data, index, "file.mcap", DEFAULT)
 
 
 @pytest.mark.parametrize(
@@ -89,18 +104,31 @@ def test_a_chunk_that_contradicts_itself_is_refused(data, what):
 )
 def test_a_bomb_that_hides_its_size_is_refused_without_unpacking_it(compression, packed):
     with pytest.raises(DamagedFileError):
-        unpack(record(packed, compression))
+        unpack(packed, compression)
 
 
-def test_a_bomb_that_admits_its_size_is_refused_by_the_ratio():
-    packed = zstandard.compress(bytes(500_000_000))
-    with pytest.raises(DamagedFileError, match="the limit is 2000 times"):
-        unpack(record(packed, "zstd", size=500_000_000))
+@pytest.mark.parametrize(
+    ("compression", "packed"),
+    [("zstd", zstandard.compress(bytes(100_000_000))), ("lz4", lz4.frame.compress(bytes(100_000_000)))],
+)
+def test_a_bomb_that_admits_its_size_is_refused_by_the_ratio(compression, packed):
+    with pytest.raises(DamagedFileError, match="the limit is 200 times"):
+        unpack(packed, compression, size=100_000_000)
+
+
+def test_a_black_picture_is_no_bomb():
+    picture = bytes(3840 * 2160 * 4)
+    assert unpack(zstandard.compress(picture), "zstd", size=len(picture), crc=zlib.crc32(picture)) == picture
 
 
 def test_a_chunk_beyond_the_limit_is_refused():
     with pytest.raises(DamagedFileError, match="the limit is 10"):
-        unpack(record(RAW, ""), Limits(chunk_bytes=10))
+        unpack(RAW, "", Limits(chunk_bytes=10))
+
+
+def test_a_chunk_is_refused_by_what_the_index_announces_before_it_is_read():
+    with pytest.raises(DamagedFileError, match="the limit is"):
+        chunks.check_size(entry(size=2**63), "file.mcap", DEFAULT)
 
 
 def test_scanning_finds_the_messages_of_every_channel():
@@ -131,6 +159,26 @@ def test_a_message_whose_length_leaves_the_chunk_is_refused():
     index = MessageIndex(1, np.array([10], np.uint64), np.array([0], np.uint64))
     with pytest.raises(DamagedFileError, match="message index"):
         chunks.gather(data, index, entry(), "file.mcap")
+
+
+def test_an_index_that_points_to_one_message_twice_is_refused():
+    index = MessageIndex(1, np.array([10, 10], np.uint64), np.array([0, 0], np.uint64))
+    with pytest.raises(DamagedFileError, match="message index"):
+        chunks.gather(RAW, index, entry(), "file.mcap")
+
+
+def test_messages_that_lie_in_each_other_are_refused():
+    inner = message(1, 20, b"")
+    data = message(1, 10, inner)
+    index = MessageIndex(1, np.array([20, 10], np.uint64), np.array([31, 0], np.uint64))
+    with pytest.raises(DamagedFileError, match="message index"):
+        chunks.gather(data, index, entry(), "file.mcap")
+
+
+def test_messages_outside_of_their_chunks_time_are_refused():
+    index = MessageIndex(1, np.array([10, 31], np.uint64), np.array([0, 1], np.uint64))
+    with pytest.raises(DamagedFileError, match="outside of the time"):
+        chunks.check_times(index, entry(), "file.mcap")
 
 
 def test_both_ends_of_a_time_range_are_included():
