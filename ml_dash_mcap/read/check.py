@@ -1,0 +1,85 @@
+"""Whether a recording is what it should be: whole, in order, on one clock, and without holes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from ..errors import DamagedFileError
+from ..layout import DROPS_RECORD
+from . import judge, written
+from .file import File
+from .findings import KINDS, Finding, Report, rows_said
+from .written import Written
+
+_NAMED = 3
+
+
+def check(files: Sequence[File], topics: Iterable[str], *, has_all: bool) -> Report:
+    """Look at every message's time and sequence number, and at what the files say about themselves.
+
+    Reads every chunk that holds one of the topics, so that its checksum is verified, and decodes no payload.
+
+    Args:
+        files: In the order of writing.
+        topics: Their names.
+        has_all: Whether these are all topics, so that the drops of any other one are told too.
+    """
+    names = list(topics)
+    met: list[DamagedFileError] = []
+    by_topic = written.read(files, names, met)
+    found = [*_damage(files, met), *_drops(files, None if has_all else names), *_two_clocks(by_topic)]
+    for topic in names:
+        found += judge.topic(topic, by_topic[topic])
+    found.sort(key=lambda one: (one.topic is not None, one.topic, KINDS.index(one.kind), one.time or 0.0))
+    return Report(tuple(found), tuple(names))
+
+
+def _damage(files: Sequence[File], met: Sequence[DamagedFileError]) -> list[Finding]:
+    """Return what is broken: what the indexes know, and what reading met."""
+    texts = [str(error) for error in met]
+    texts += [f"{loss.path}, byte {loss.offset}: {loss.what}" for file in files for loss in file.losses]
+    return [Finding(None, "damage", None, text) for text in dict.fromkeys(texts)]
+
+
+def _drops(files: Sequence[File], topics: Sequence[str] | None) -> list[Finding]:
+    """Return what the recorders had to refuse; of each one, the last thing that it said counts."""
+    last: dict[tuple[str, str], int] = {}
+    for file in files:
+        try:
+            said = [one.values for one in file.metadata() if one.name == DROPS_RECORD]
+        except DamagedFileError:  # the damage is told
+            continue
+        run = written.run_of(file) or file.source.name
+        last.update({(run, topic): _count(text) for values in said for topic, text in values.items()})
+    totals: dict[str, int] = {}
+    for (_, topic), count in last.items():
+        totals[topic] = totals.get(topic, 0) + count
+    return [
+        Finding(topic, "drops", None, f"{rows_said(count)} refused, because the recorder's backlog was full")
+        for topic, count in totals.items()
+        if count and (topics is None or topic in topics)
+    ]
+
+
+def _count(text: str) -> int:
+    return int(text) if text.isascii() and text.isdigit() else 0
+
+
+def _two_clocks(by_topic: Mapping[str, Sequence[Written]]) -> list[Finding]:
+    """Tell if some topics run on the wall clock, and others on one that starts near 0."""
+    near_0, wall = [], []
+    for topic, runs in by_topic.items():
+        early, late = judge.clocks(runs)
+        if early and late:
+            return []  # what is said about that topic says it all
+        near_0 += [topic] if early else []
+        wall += [topic] if late else []
+    if not near_0 or not wall:
+        return []
+    what = f"two kinds of clocks: near 0 on {_listed(near_0)}, wall-clock time on {_listed(wall)}"
+    return [Finding(None, "clock", None, what)]
+
+
+def _listed(topics: Sequence[str]) -> str:
+    shown = ", ".join(map(repr, topics[:_NAMED]))
+    return shown if len(topics) <= _NAMED else f"{shown} and {len(topics) - _NAMED} more"

@@ -1,0 +1,115 @@
+"""Topics' times and sequence numbers in the order of writing."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import DamagedFileError
+from ..layout import ABOUT_RECORD
+from . import ahead, rows
+from .chunk import Messages
+from .file import File
+from .records import Chunk
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """The messages of one topic that one recorder wrote, in the order of writing."""
+
+    run: str
+    """Names the recorder: what its segments say, or else the file's path."""
+    is_ours: bool
+    """Whether the recorder was one of this library, which numbers a topic's rows one by one."""
+    times_ns: npt.NDArray[np.uint64]
+    """Log times, [N]."""
+    sequences: npt.NDArray[np.uint32]
+    """[N]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Messages of one topic in one chunk."""
+
+    topic: str
+    times_ns: npt.NDArray[np.uint64]
+    sequences: npt.NDArray[np.uint32]
+
+
+def read(files: Sequence[File], topics: Collection[str], damage: list[DamagedFileError]) -> dict[str, list[Written]]:
+    """Read every chunk that holds one of some topics, and verify its checksum; no payload is decoded.
+
+    Args:
+        files: In the order of writing.
+        topics: Their names.
+        damage: Gets what is broken, which the result leaves out.
+
+    Returns:
+        By topic, what each recorder wrote, in the order of the recorders' first files.
+    """
+    by_run: dict[tuple[str, str, bool], list[_Part]] = {}
+    for file in files:
+        run = run_of(file)
+        for part in _parts(file, topics, damage):
+            by_run.setdefault((part.topic, run or file.source.name, run is not None), []).append(part)
+    found: dict[str, list[Written]] = {topic: [] for topic in topics}
+    for (topic, name, is_ours), parts in by_run.items():
+        times = np.concatenate([part.times_ns for part in parts])
+        found[topic].append(Written(name, is_ours, times, np.concatenate([part.sequences for part in parts])))
+    return found
+
+
+def run_of(file: File) -> str | None:
+    """Return what names the recorder of this library that wrote a file; None for other tools' files."""
+    try:
+        return next((one.values.get("run") for one in file.metadata() if one.name == ABOUT_RECORD), None)
+    except DamagedFileError:  # whoever reads the metadata is told
+        return None
+
+
+def _parts(file: File, topics: Collection[str], damage: list[DamagedFileError]) -> list[_Part]:
+    """Return the messages of some topics in a file, chunk by chunk."""
+    try:
+        index = file.index
+    except DamagedFileError as error:
+        damage.append(error)
+        return []
+    wanted = {id_: channel.topic for id_, channel in index.channels.items() if channel.topic in topics}
+
+    def do(chunk: Chunk) -> list[_Part] | DamagedFileError:
+        try:
+            return _parts_of(file, chunk, wanted)
+        except DamagedFileError as error:
+            return error
+
+    found: list[_Part] = []
+    for parts in ahead.in_order(do, (chunk for chunk in index.chunks if _may_hold(chunk, wanted))):
+        if isinstance(parts, DamagedFileError):
+            damage.append(parts)
+        else:
+            found += parts
+    return found
+
+
+def _may_hold(chunk: Chunk, wanted: Mapping[int, str]) -> bool:
+    known = chunk.message_index_offsets if chunk.indexed else chunk.counts
+    return known is None or any(id_ in wanted for id_ in known)
+
+
+def _parts_of(file: File, chunk: Chunk, wanted: Mapping[int, str]) -> list[_Part]:
+    ids = [id_ for id_ in wanted if not chunk.indexed or id_ in chunk.message_index_offsets]
+    span = file.read_span(chunk.offset, chunk.length + chunk.message_index_length)
+    cuts = file.cut(chunk, ids, 0, rows.LAST_NS, span)
+    by_topic: dict[str, list[Messages]] = {}
+    for one in cuts:
+        by_topic.setdefault(wanted[one.channel_id], []).append(one)
+    return [_joined(topic, same) for topic, same in by_topic.items()]
+
+
+def _joined(topic: str, cuts: Sequence[Messages]) -> _Part:
+    order = np.argsort(np.concatenate([one.offsets for one in cuts]))
+    times = np.concatenate([one.times_ns for one in cuts])
+    return _Part(topic, times[order], np.concatenate([one.sequences for one in cuts])[order])
