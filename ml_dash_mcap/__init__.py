@@ -9,16 +9,31 @@ from .version import __version__
 if TYPE_CHECKING:
     from .experiment import Experiment
     from .options import RecorderOptions
+    from .read.limits import Limits
+    from .read.losses import Loss
     from .recorder import Recorder
     from .recording import Recording
     from .recovery import recover
     from .session import Session
     from .topic import Topic
 
-__all__ = ["Experiment", "Recorder", "RecorderOptions", "Recording", "Session", "Topic", "__version__", "recover"]
+__all__ = [
+    "Experiment",
+    "Limits",
+    "Loss",
+    "Recorder",
+    "RecorderOptions",
+    "Recording",
+    "Session",
+    "Topic",
+    "__version__",
+    "recover",
+]
 
 _HOMES = {
     "Experiment": "experiment",
+    "Limits": "read.limits",
+    "Loss": "read.losses",
     "Recorder": "recorder",
     "RecorderOptions": "options",
     "Recording": "recording",
