@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import orjson
 
 from . import clock, topic_reader
-from .errors import MissingRecordingError, OptionError, StateError
+from .errors import MissingRecordingError, OptionError, StateError, UsageError
 from .export import Job, export
 from .export.destination import refuse_existing
 from .export.job import Progress
@@ -29,9 +29,12 @@ from .layout import (
     SESSION_GLOB,
 )
 from .lookup import Lookup, not_found
-from .read import attachments, counts, overview, rows, topics
+from .read import attachments, counts, gaps, overview, rows, topics
 from .read.attachments import Attachments
+from .read.check import check
 from .read.file import File
+from .read.findings import Report
+from .read.gaps import Gap
 from .read.limits import Limits
 from .read.losses import Loss
 from .read.rows import check_range
@@ -192,6 +195,45 @@ class Recording:
             files, self.__getitem__, topics, on=on, hz=hz, how=how, tolerance_s=tolerance_s, start=start, end=end
         )
 
+    def gaps(self, topic: str, longer_than_s: float | None = None) -> list[Gap]:
+        """Return where a topic's rows are too far apart, in time order; looks at indexes only.
+
+        Args:
+            topic: Its name.
+            longer_than_s: What a gap is longer than, in s; 1.5 times the median spacing by default.
+
+        Raises:
+            NotFoundError: There is no such topic; also a KeyError.
+            RangeError: `longer_than_s` is not a number above 0; also a ValueError.
+
+        Example:
+            >>> [(gap.start, gap.missing) for gap in rec.gaps("robot")]
+        """
+        if topic not in self:
+            raise not_found("topic", topic, self._topic_names())
+        return gaps.find(self._opened(), topic, longer_than_s)
+
+    def check(self, topics: Iterable[str] | None = None) -> Report:
+        """Look for gaps, late and irregular rows, missing sequence numbers, drops, clocks that were set, and damage.
+
+        Reads every chunk that holds one of the topics, so that its checksum is verified, and decodes no row.
+
+        Args:
+            topics: Names; None for all that hold rows of a robot.
+
+        Returns:
+            What was found; true if that is nothing.
+
+        Raises:
+            NotFoundError: There is no such topic; also a KeyError.
+
+        Example:
+            >>> report = rec.check()
+            >>> if not report:
+            ...     print(report)
+        """
+        return check(self._opened(), self._chosen(topics), has_all=topics is None)
+
     def refresh(self) -> bool:
         """Take in what was written since; costs as much as there is new.
 
@@ -301,12 +343,8 @@ class Recording:
         dest = Path(dest)
         refuse_existing(dest)
         low, high = check_range(start, end)
-        names = self._topic_names() if topics is None else list(dict.fromkeys(topics))
-        for name in names:
-            if name not in self:
-                raise not_found("topic", name, self._topic_names())
         about = {**self.run, "params": self.params}
-        chosen = Lookup("topic", names, self._info)
+        chosen = Lookup("topic", self._chosen(topics), self._info)
         return export(Job(dest, self._opened(), chosen, low, high, about, progress), format, options)
 
     def close(self) -> None:
@@ -353,6 +391,18 @@ class Recording:
 
     def _topic_names(self) -> list[str]:
         return sorted(name for name in self._channel_names() if not name.startswith(OWN_TOPICS))
+
+    def _chosen(self, topics: Iterable[str] | None) -> list[str]:
+        """Return the names that a caller gave, each once and all there; None is all topics of a robot."""
+        if topics is None:
+            return self._topic_names()
+        if isinstance(topics, str):
+            raise UsageError(f"topics={topics!r}: pass a list of topics, such as topics=[{topics!r}]")
+        names = list(dict.fromkeys(topics))
+        for name in names:
+            if name not in self:
+                raise not_found("topic", name, self._topic_names())
+        return names
 
     def _info(self, topic: str) -> TopicInfo:
         known = self._infos.get(topic)

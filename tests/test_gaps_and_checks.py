@@ -1,0 +1,404 @@
+"""A check tells what is wrong with a recording, once, where it is, and nothing that is not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.records import Message
+
+from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording
+from ml_dash_mcap.errors import NotFoundError, RangeError, UsageError
+from ml_dash_mcap.read import gaps, setbacks
+from ml_dash_mcap.read.findings import Finding, Report
+from ml_dash_mcap.read.gaps import Gap
+from tests.support.assemble import bundle
+from tests.support.files import draft, finished, message, save, unfinished
+
+EPOCH = 1_700_000_000.0
+
+
+def record(folder: Path, times: Iterable[float], **options: Any) -> Path:
+    """Append a row at each time, in that order."""
+    with Recorder(folder, RecorderOptions(**options)) as recorder:
+        for number, time in enumerate(times):
+            recorder.topic("robot").append(n=number, _ts=float(time))
+    return folder
+
+
+def check(path: Path, topics: list[str] | None = None) -> Report:
+    with Recording(path) as rec:
+        return rec.check(topics)
+
+
+# Gaps
+
+
+def test_a_gap_is_where_rows_are_too_far_apart(tmp_path: Path) -> None:
+    record(tmp_path, [0.0, 0.5, 1.0, 3.0, 3.5, 4.0, 5.0, 5.5])
+    with Recording(tmp_path) as rec:
+        assert rec.gaps("robot") == [Gap(1.0, 3.0, 3), Gap(4.0, 5.0, 1)]
+        assert rec.gaps("robot", longer_than_s=1.0) == [Gap(1.0, 3.0, 3)]
+        assert rec.gaps("robot", longer_than_s=0.25)[0] == Gap(0.0, 0.5, 0)
+        assert rec.gaps("robot")[0].duration == 2.0
+
+
+def test_a_topic_without_two_spacings_has_no_gap(tmp_path: Path) -> None:
+    for count in range(3):
+        record(tmp_path / str(count), range(count + 1))
+        with Recording(tmp_path / str(count)) as rec:
+            assert rec.gaps("robot") == []
+
+
+def test_rows_of_one_time_and_late_ones_make_no_gap(tmp_path: Path) -> None:
+    record(tmp_path, [0.0, 1.0, 1.0, 3.0, 2.0, 4.0, 4.0, 5.0])
+    with Recording(tmp_path) as rec:
+        assert rec.gaps("robot") == []
+
+
+def test_a_gap_needs_a_topic_and_a_time_above_0(tmp_path: Path) -> None:
+    record(tmp_path, range(3))
+    with Recording(tmp_path) as rec:
+        with pytest.raises(NotFoundError, match="did you mean 'robot'"):
+            rec.gaps("robt")
+        for bad in (0, -1.0, math.nan, "long"):
+            with pytest.raises(RangeError, match="longer_than_s="):
+                rec.gaps("robot", bad)  # type: ignore[arg-type]
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.integers(0, 400), min_size=3, unique=True).map(sorted), st.one_of(st.none(), st.integers(1, 50)))
+def test_gaps_are_the_spacings_above_the_limit(times: list[int], longer_than: int | None) -> None:
+    spacings = [b - a for a, b in pairwise(times)]
+    median = (
+        sorted(spacings)[len(spacings) // 2]
+        if len(spacings) % 2
+        else sum(sorted(spacings)[len(spacings) // 2 - 1 :][:2]) / 2
+    )
+    limit = 1.5 * median if longer_than is None else longer_than
+    expected = [Gap(a / 1e9, b / 1e9, max(round((b - a) / median) - 1, 0)) for a, b in pairwise(times) if b - a > limit]
+    assert gaps.among(np.array(times, np.uint64), longer_than) == expected
+
+
+# Nothing wrong
+
+
+@pytest.mark.parametrize("start", [0.0, EPOCH])
+def test_a_good_recording_is_fine(tmp_path: Path, start: float) -> None:
+    rng = np.random.default_rng(1)
+    with Recorder(tmp_path, RecorderOptions(chunk_bytes=65536, backlog_bytes=262_144, segment_bytes=65536)) as recorder:
+        recorder.topic("setting").append(gain=1, _ts=start)
+        for i in range(3000):
+            recorder.topic("robot").append(q=[0.1] * 7, _ts=start + i / 100)
+            recorder.topic("robot").append(v=[0.1] * 7, _ts=start + i / 100)
+            recorder.topic("jittery").append(x=i, _ts=start + (i + 0.1 * rng.random()) / 100)
+    with Recording(tmp_path) as rec:
+        assert len(rec.segments) > 2
+        report = rec.check()
+    assert list(report) == []
+    assert report
+    assert str(report) == "nothing found in 3 topics"
+
+
+def test_a_recording_that_goes_on_another_day_is_fine(tmp_path: Path) -> None:
+    for day in range(3):
+        record(tmp_path, EPOCH + day * 86_400 + np.arange(100) / 10)
+    assert list(check(tmp_path)) == []
+
+
+def test_an_empty_recording_is_fine(tmp_path: Path) -> None:
+    assert list(check(tmp_path)) == []
+    with Recorder(tmp_path):
+        pass
+    assert list(check(tmp_path)) == []
+
+
+def test_a_recording_in_progress_is_fine(tmp_path: Path) -> None:
+    with Recorder(tmp_path) as recorder:
+        for i in range(100):
+            recorder.topic("robot").append(n=i, _ts=i / 10)
+        recorder.flush()
+        assert list(check(tmp_path)) == []
+
+
+def test_the_log_before_the_first_row_is_no_other_clock(tmp_path: Path) -> None:
+    with Experiment("a/b", root=tmp_path).run as exp:
+        exp.log("starting")
+        exp.flush()
+        for i in range(10):
+            exp.tracks("robot").append(q=i, _ts=i / 10)
+    assert list(check(exp.path)) == []
+
+
+# Each kind of finding
+
+
+def test_a_gap_is_told_with_what_is_missing(tmp_path: Path) -> None:
+    record(tmp_path, [i / 10 for i in range(100) if not 50 <= i < 55 and i != 80])
+    found = list(check(tmp_path))
+    assert found == [
+        Finding("robot", "gap", 4.9, "no row for 0.6 s, in which there are 5 as a rule"),
+        Finding("robot", "gap", 7.9, "no row for 0.2 s, in which there are 1 as a rule"),
+    ]
+    assert str(found[0]) == "at 4.9 s: no row for 0.6 s, in which there are 5 as a rule"
+
+
+def test_regular_rows_of_which_many_are_missing_are_gaps_and_not_jitter(tmp_path: Path) -> None:
+    record(tmp_path, [i / 10 for i in range(200) if i % 10])
+    assert {one.kind for one in check(tmp_path)} == {"gap"}
+
+
+def test_spacings_that_vary_are_one_finding(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    record(tmp_path, (np.arange(1000) + 0.45 * rng.random(1000)) / 100)
+    (found,) = check(tmp_path)
+    assert (found.topic, found.kind) == ("robot", "irregular")
+    assert found.what.startswith("rows come every 0.0")
+
+
+def test_a_hole_in_an_irregular_topic_is_a_gap_if_it_is_clearly_longer_than_the_rest(tmp_path: Path) -> None:
+    times = np.cumsum(np.random.default_rng(3).exponential(size=1000))
+    record(tmp_path, [time + (1000.0 if i >= 500 else 0.0) for i, time in enumerate(times)])
+    assert [one.kind for one in check(tmp_path)].count("irregular") == 1
+    assert any(
+        one.kind in ("gap", "clock") and math.isclose(one.time or 0, times[499], abs_tol=1e3) for one in check(tmp_path)
+    )
+
+
+def test_rows_that_were_written_late_are_told_stretch_by_stretch(tmp_path: Path) -> None:
+    times = [i / 10 for i in range(100)]
+    late = [*times[:50], *times[60:70], *times[50:60], *times[70:90], times[91], times[90], *times[92:]]
+    report = check(record(tmp_path, late))
+    assert list(report) == [
+        Finding("robot", "late", 5.0, "10 rows written after one of 1.9 s later"),
+        Finding("robot", "late", 9.0, "1 row written after one of 0.1 s later"),
+    ]
+
+
+@pytest.mark.parametrize("flushes", [False, True])
+def test_a_clock_that_is_set_back_is_told(tmp_path: Path, flushes: bool) -> None:
+    options = {"batch_rows": 7} if flushes else {}
+    report = check(record(tmp_path, [EPOCH + i / 10 - (2.05 if i >= 50 else 0.0) for i in range(100)], **options))
+    (found,) = (one for one in report if one.kind == "clock")
+    assert found.time == pytest.approx(EPOCH + 5.0 - 2.05)
+    assert found.what == "the clock steps back by 1.95 s, after 1700000004.9 s"
+    assert [one.kind for one in report if one.kind != "clock"] in ([], ["irregular"])
+
+
+def test_a_simulation_that_begins_again_and_again_is_told_each_time(tmp_path: Path) -> None:
+    report = check(record(tmp_path, [i / 10 + 0.001 * count for count in (100, 80, 90) for i in range(count)]))
+    assert [(one.time, one.what) for one in report if one.kind == "clock"] == [
+        (0.08, "the clock steps back by 9.92 s, after 10 s"),
+        (0.09, "the clock steps back by 7.89 s, after 7.98 s"),
+    ]
+
+
+def test_a_simulation_that_begins_again_in_the_next_run_is_told(tmp_path: Path) -> None:
+    for _ in range(2):
+        record(tmp_path, [i / 10 for i in range(100)])
+    (found,) = check(tmp_path)
+    assert found == Finding(
+        "robot", "clock", 0.0, "the times of the next recorder begin here, before the end of the last one at 9.9 s"
+    )
+
+
+def test_two_recorders_at_one_time_are_fine(tmp_path: Path) -> None:
+    with Recorder(tmp_path) as first, Recorder(tmp_path) as second:
+        for i in range(100):
+            (first if i % 2 else second).topic("robot").append(n=i, _ts=EPOCH + i / 10)
+    assert list(check(tmp_path)) == []
+
+
+def test_times_that_leap_on_are_told_once(tmp_path: Path) -> None:
+    report = check(record(tmp_path, [i / 10 + (3600 if i >= 50 else 0) for i in range(100)]))
+    assert list(report) == [
+        Finding("robot", "clock", 3605.0, "times leap on by 3600.1 s, after 4.9 s: the clock was set, or nothing ran")
+    ]
+
+
+def test_wall_clock_times_among_times_near_0_are_told(tmp_path: Path) -> None:
+    report = check(record(tmp_path, [time for i in range(50) for time in (i / 10, EPOCH + i / 10)]))
+    assert list(report) == [
+        Finding("robot", "clock", 0.0, "two kinds of clocks on one topic: 50 rows near 0, 50 rows in wall-clock time")
+    ]
+
+
+def test_topics_on_different_clocks_are_told(tmp_path: Path) -> None:
+    with Recorder(tmp_path) as recorder:
+        for i in range(10):
+            recorder.topic("robot").append(n=i, _ts=i / 10)
+            recorder.topic("camera").append(n=i, _ts=EPOCH + i / 10)
+    assert list(check(tmp_path)) == [
+        Finding(None, "clock", None, "two kinds of clocks: near 0 on 'robot', wall-clock time on 'camera'")
+    ]
+    assert list(check(tmp_path, ["robot"])) == []
+
+
+def test_rows_that_the_recorder_refused_are_told(tmp_path: Path) -> None:
+    options = RecorderOptions(on_full="drop", chunk_bytes=65_536, backlog_bytes=131_072)
+    for _ in range(2):
+        with Recorder(tmp_path, options) as recorder:
+            for i in range(20_000):
+                recorder.topic("noise").append(samples=[0.1] * 50, _ts=EPOCH + i / 1000)
+            dropped = recorder.stats()["dropped"]
+            assert dropped
+    with Recording(tmp_path) as rec:
+        said = [int(values["noise"]) for name, values in rec.metadata if name == "ml_dash.drops"]
+        (found,) = (one for one in rec.check() if one.kind == "drops")
+    assert found == Finding(
+        "noise", "drops", None, f"{sum(said)} rows refused, because the recorder's backlog was full"
+    )
+
+
+def test_rows_of_a_segment_that_is_gone_are_told_by_their_sequence_numbers(tmp_path: Path) -> None:
+    record(tmp_path, [i / 10 for i in range(30_000)], chunk_bytes=65536, backlog_bytes=262_144, segment_bytes=131_072)
+    first, second, *_ = sorted(tmp_path.glob("*.mcap"))
+    with Recording(second) as rec:
+        lost = rec["robot"].info
+    second.unlink()
+    with Recording(first) as rec:
+        kept = rec["robot"].info
+    report = check(tmp_path)
+    (found,) = (one for one in report if one.kind == "missing")
+    numbers = f"{kept.count} to {kept.count + lost.count - 1}"
+    assert found == Finding(
+        "robot", "missing", kept.end, f"{lost.count} rows missing after this one (sequence numbers {numbers})"
+    )
+    assert {one.kind for one in report} <= {"missing", "gap", "clock"}
+    assert list(check(first)) == []
+
+
+def test_a_file_in_the_middle_of_a_recording_is_fine_by_itself(tmp_path: Path) -> None:
+    record(tmp_path, [i / 10 for i in range(30_000)], chunk_bytes=65536, backlog_bytes=262_144, segment_bytes=131_072)
+    assert list(check(sorted(tmp_path.glob("*.mcap"))[1])) == []
+
+
+@pytest.mark.breaks_files
+def test_a_damaged_chunk_is_told_and_the_others_are_judged(tmp_path: Path) -> None:
+    record(tmp_path, [i / 10 for i in range(10_000)], chunk_bytes=65536, backlog_bytes=262_144)
+    (path,) = tmp_path.glob("*.mcap")
+    with Recording(path) as rec:
+        chunk = rec._segments.files[0].index.chunks[2]
+    data = bytearray(path.read_bytes())
+    data[chunk.offset + chunk.length - 10] ^= 1
+    path.write_bytes(data)
+    report = check(tmp_path)
+    assert [(one.topic, one.kind) for one in report][:2] == [(None, "damage"), ("robot", "missing")]
+    assert f"{path}, byte {chunk.offset}: " in report.findings[0].what
+
+
+def test_a_file_that_was_cut_is_told(tmp_path: Path) -> None:
+    drafted = draft([{"robot": [{"_ts": i / 10} for i in range(20)]}], library="someone else")
+    whole = unfinished(drafted)
+    (tmp_path / "a.mcap").write_bytes(whole)
+    (found,) = check(tmp_path / "a.mcap")
+    assert (found.kind, found.time) == ("damage", None)
+    assert found.what.endswith(f"a.mcap, byte {len(whole)}: the file has no end; what lay behind this is lost")
+    (tmp_path / "b.mcap").write_bytes(whole[:-20])
+    assert [one.kind for one in check(tmp_path / "b.mcap")] == ["damage"]
+
+
+# Other tools' files
+
+
+def foreign(path: Path, sequences: list[int]) -> Path:
+    drafted = draft([{"robot": [{"_ts": 0.0}]}], kinds={"robot": None}, library="someone else")
+    messages: list[Message] = [message({"_ts": i / 10}, 1, sequence) for i, sequence in enumerate(sequences)]
+    drafted.data[2:] = bundle(messages)
+    path.write_bytes(finished(drafted))
+    return path
+
+
+@pytest.mark.parametrize(
+    "sequences",
+    [[0] * 20, list(range(20)), list(range(0, 60, 3)), [2**32 - 10 + i if i < 10 else i - 10 for i in range(20)]],
+)
+def test_other_tools_may_number_as_they_like(tmp_path: Path, sequences: list[int]) -> None:
+    assert list(check(foreign(tmp_path / "a.mcap", sequences))) == []
+
+
+def test_a_hole_in_numbers_that_go_by_ones_is_told(tmp_path: Path) -> None:
+    (found,) = check(foreign(tmp_path / "a.mcap", [*range(10), *range(15, 25)]))
+    assert found == Finding("robot", "missing", 0.9, "5 rows missing after this one (sequence numbers 10 to 14)")
+
+
+# The report
+
+
+def test_a_report_is_read_aloud_by_topic_and_kind(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    save(
+        path,
+        [{"robot": [{"_ts": i / 10} for i in range(100) if i % 20], "imu": [{"_ts": i / 10} for i in (*range(9), 11)]}],
+    )
+    report = check(path)
+    assert not report
+    assert len(report) == 5
+    assert str(report).splitlines() == [
+        "5 findings in 2 topics",
+        "imu: gap, 1",
+        "    at 0.8 s: no row for 0.3 s, in which there are 2 as a rule",
+        "robot: gap, 4",
+        "    at 1.9 s: no row for 0.2 s, in which there are 1 as a rule",
+        "    at 3.9 s: no row for 0.2 s, in which there are 1 as a rule",
+        "    at 5.9 s: no row for 0.2 s, in which there are 1 as a rule",
+        "    and 1 more",
+    ]
+
+
+def test_of_very_many_alike_the_first_are_listed(tmp_path: Path) -> None:
+    times = [i / 10 for i in range(5000)]
+    times[1::2], times[::2] = times[::2], times[1::2]
+    report = check(record(tmp_path, times))
+    assert len(report) == 1000
+    assert report.findings[-1].what == "1 row written after one of 0.1 s later; and 1500 more like this"
+
+
+def test_a_check_of_some_topics_looks_at_these(tmp_path: Path) -> None:
+    with Recorder(tmp_path) as recorder:
+        for i in range(20):
+            recorder.topic("good").append(n=i, _ts=i / 10)
+            recorder.topic("bad").append(n=i, _ts=i / 10 if i < 10 else 5 + i / 10)
+    with Recording(tmp_path) as rec:
+        assert rec.check(["good"]).topics == ("good",)
+        assert rec.check(["good"])
+        assert not rec.check(["bad"])
+        with pytest.raises(NotFoundError, match="did you mean 'good'"):
+            rec.check(["god"])
+        with pytest.raises(UsageError, match=r"topics=\['good'\]"):
+            rec.check("good")
+
+
+# The order of writing, by itself
+
+
+def in_ns(*times: float) -> np.ndarray:
+    return np.array([round(time * 1e9) for time in times], np.uint64)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.integers(0, 60), max_size=30))
+def test_every_row_behind_an_earlier_one_is_late_or_after_a_step(times: list[int]) -> None:
+    lates, steps = setbacks.find(np.array(times, np.uint64))
+    told = {place for late in lates for place in range(late.first, late.first + late.count)}
+    starts = [0, *(step.at for step in steps if step.to_ns < step.from_ns), len(times)]
+    for start, stop in pairwise(starts):
+        behind = {at for at in range(start, stop) if times[at] < max(times[start : at + 1])}
+        assert behind == told & set(range(start, stop))
+
+
+def test_a_clock_may_be_set_on_and_back() -> None:
+    times = in_ns(0, 1, 2, 3, 5000, 5001, 5002, 4, 5, 6, 7)
+    lates, steps = setbacks.find(times)
+    assert lates == []
+    assert [(step.at, step.from_ns, step.to_ns) for step in steps] == [
+        (4, 3 * 10**9, 5000 * 10**9),
+        (7, 5002 * 10**9, 4 * 10**9),
+    ]
