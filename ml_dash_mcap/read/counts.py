@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import clock
+from ..errors import DamagedFileError, EncodingError
 from ..layout import KIND_KEY, TRACK
 from ..rows.encode import TIME_KEY
 from . import chunk as chunks
@@ -160,6 +161,9 @@ def time_range(files: Sequence[File], topic: str) -> tuple[float | None, float |
 
 
 def _time_at(files: Sequence[File], topic: str, time_ns: int, choose: Callable[[Iterable[float]], float]) -> float:
-    """Return the exact double of the row at a log time."""
+    """Return the exact double of the row at a log time; of one that cannot be decoded, that of the log time."""
     low, high = clock.to_seconds(time_ns - TOLERANCE_NS), clock.to_seconds(time_ns + TOLERANCE_NS)
-    return choose(row[TIME_KEY] for row in rows.read(files, topic, low, high))
+    try:
+        return choose(row[TIME_KEY] for row in rows.read(files, topic, low, high))
+    except (EncodingError, DamagedFileError):  # whoever reads the rows is told
+        return clock.to_seconds(time_ns)
