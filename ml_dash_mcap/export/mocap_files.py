@@ -19,7 +19,7 @@ def export(
     format_version: Literal["1.23", "1.25"] = "1.23",
     rate: Rate = None,
     length_units: Literal["m", "cm", "mm"] = "m",
-    up: Literal["z", "y"] = "z",
+    up: Literal["z", "y"] | None = None,
     decimals: int | None = None,
     joints: Literal["sto", "columns"] | None = "sto",
     canonical: bool = True,
@@ -36,7 +36,8 @@ def export(
         rate: Frames a second, or "median", to resample to. None for the rows as they are: they must be evenly spaced
             in Motive's layout.
         length_units: Of Motive's layout.
-        up: Which axis points up in Motive's layout; "y" turns a recording whose z does.
+        up: Which axis points up in Motive's layout: a recording is turned where its topics' metadata says that another
+            one does (`up`; "z" if it does not say). None turns nothing.
         decimals: How many each number has; None for as many as it needs to come back the same.
         joints: In Motive's layout, joint angles are in an OpenSim file `<name>.joints.sto` beside it, or columns (which
             strict readers refuse), or left out.

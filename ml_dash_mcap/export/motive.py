@@ -27,7 +27,7 @@ from .destination import fresh_file, refuse_existing
 from .job import Job
 from .mocap_options import check
 from .table_text import TableText
-from .take import Take, TakeOptions, Thing, found_in
+from .take import Take, TakeOptions, Thing, found_in, up_of
 
 VERSIONS = ("1.23", "1.25")
 _WORDS = {"m": "Meters", "cm": "Centimeters", "mm": "Millimeters"}
@@ -147,7 +147,8 @@ def _header(take: Take, form: Form, columns: Sequence[_Column], joints: str | No
 
 
 def _pairs(take: Take, form: Form, columns: Sequence[_Column], joints: str | None) -> list[str]:
-    clock, topics = take.clock, dict.fromkeys(thing.topic for thing in take.things)
+    clock, topics = take.clock, take.job.topics
+    first = take.things[0].topic
     orders = {thing.order for thing in take.things if isinstance(thing, Body)}
     rate = f"{clock.rate:.6f}"
     pairs = {
@@ -162,9 +163,9 @@ def _pairs(take: Take, form: Form, columns: Sequence[_Column], joints: str | Non
         "Rotation Type": "Quaternion",
         "Length Units": _WORDS[form.length_units],
         "Coordinate Space": "Global",
-        "ML Dash Topic": next(iter(topics)),
+        "ML Dash Topic": first,
         "ML Dash Start Timestamp": repr(clock.origin),
-        "ML Dash Up Axis": take.options.up.upper(),
+        "ML Dash Up Axis": (take.options.up or up_of(topics[first].metadata)).upper(),
         "ML Dash Quat Order": orders.pop() if len(orders) == 1 else "xyzw",
         NOTE_KEY: to_text(_note(take, columns, joints)),
     }

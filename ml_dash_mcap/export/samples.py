@@ -15,7 +15,7 @@ from ..errors import ConversionError
 from ..mocap.objects import Source
 from ..rows import arrays
 from ..rows.encode import TIME_KEY
-from ..rows.table import to_table
+from ..rows.table import to_table, values_of
 from .job import Counter
 from .selection import Selection
 
@@ -93,15 +93,14 @@ class Samples:
         fast = _plain(block.columns[name].array, shape)
         if fast is not None:
             return fast
-        found = arrays.from_table(to_table([_only(block, name)]))[name]
-        size = math.prod(shape)
-        if found.dtype.kind in "fiub" and found.shape[1:] == shape:
-            return found.reshape(block.count, size)
-        if found.dtype.kind == "f" and np.isnan(found).all():
-            return np.nan
+        column, size = block.columns[name], math.prod(shape)
+        if not column.is_text:
+            found = arrays.from_table(to_table([_only(block, name)]))[name]
+            if found.dtype.kind in "fiub" and found.shape[1:] == shape:
+                return found.reshape(block.count, size)
         flat = np.full((block.count, size), np.nan)
-        for row, value in enumerate(found):
-            if value is not None and not (isinstance(value, float) and math.isnan(value)):
+        for row, value in enumerate(values_of(column)):
+            if value is not None:
                 flat[row] = self._odd(value, name, shape, float(times[row]))
         return flat
 
@@ -121,7 +120,7 @@ class Samples:
 
 
 def _only(block: Block, name: str) -> Block:
-    return type(block)(block.count, {name: block.columns[name]})
+    return type(block)(block.count, {column: block.columns[column] for column in (TIME_KEY, name)})
 
 
 def _plain(array: Any, shape: tuple[int, ...]) -> Any:

@@ -37,13 +37,14 @@ class TakeOptions:
     """What the formats of motion capture have in common."""
 
     rate: Rate = None
-    up: str = "z"
+    up: str | None = None
     canonical: bool = True
     quat_order: str | None = None
     on_bad: Literal["raise", "missing"] = "raise"
 
     def __post_init__(self) -> None:
-        check("up", self.up, space.UPS)
+        if self.up is not None:
+            check("up", self.up, space.UPS)
         check("on_bad", self.on_bad, ("raise", "missing"))
         if self.quat_order is not None:
             check("quat_order", self.quat_order, tuple(quaternions.ORDERS))
@@ -114,7 +115,8 @@ class _Topic:
         self._name = topic
         self._options = take.options
         metadata = take.job.topics[topic].metadata
-        self._up = str(metadata.get("up", "z")).lower()
+        self._up = up_of(metadata)
+        self._to = take.options.up or self._up
         self._metadata = metadata
         self._things = [(thing, at) for thing, at in take.columns() if thing.topic == topic]
         sources = [source for thing, _ in self._things for source in _sources(thing)]
@@ -161,15 +163,14 @@ class _Topic:
 
     def _prepared(self, thing: Thing, source: Source, how: str, numbers: Floats, times: Floats) -> Floats:
         """Return numbers turned to the axes of the file; rotations as x y z w of length 1."""
-        options = self._options
         if how == "number":
             return numbers
         if how == "matrix":
             matrices = numbers.reshape(-1, 4, 4)
             rotations, bad = quaternions.of_matrices(matrices[:, :3, :3])
             self._judge(bad, numbers, thing, source, times)
-            points = space.turned(matrices[:, :3, 3], self._up, options.up)
-            both = np.concatenate((space.turned_rotations(rotations, self._up, options.up), points), axis=1)
+            points = space.turned(matrices[:, :3, 3], self._up, self._to)
+            both = np.concatenate((space.turned_rotations(rotations, self._up, self._to), points), axis=1)
             both[bad] = np.nan
             return both
         if how == "slerp":
@@ -179,8 +180,8 @@ class _Topic:
             self._suspect(thing, numbers)
             found = quaternions.normalised(quaternions.reorder(numbers, thing.order))
             found[bad] = np.nan
-            return space.turned_rotations(found, self._up, options.up)
-        return space.turned(numbers, self._up, options.up) if how == "point" else numbers
+            return space.turned_rotations(found, self._up, self._to)
+        return space.turned(numbers, self._up, self._to) if how == "point" else numbers
 
     def _judge(self, bad: npt.NDArray[np.bool_], numbers: Floats, thing: Thing, source: Source, times: Floats) -> None:
         """Raise, or count, what is no rotation."""
@@ -230,6 +231,18 @@ def _parts(thing: Thing) -> list[tuple[Source, int, str]]:
     return [(thing.rotation, 0, "slerp"), (thing.position, 4, "point"), *error]
 
 
+def up_of(metadata: Mapping[str, Any]) -> str:
+    """Return which axis points up as a topic's metadata says it; "z" if it does not.
+
+    Raises:
+        ConversionError: It says one that is not known.
+    """
+    up = str(metadata.get("up", "z")).lower()
+    if up not in space.UPS:
+        raise ConversionError(f"the topic's metadata says up={metadata['up']!r}; 'z' and 'y' are known")
+    return up
+
+
 def found_in(job: Job, quat_order: str | None) -> dict[str, Objects]:
     """Return the objects of each topic of a job, also of those that have none."""
     found: dict[str, Objects] = {}
@@ -248,8 +261,11 @@ def numeric(info: TopicInfo) -> dict[objects.Path, tuple[int, ...]]:
     found: dict[objects.Path, tuple[int, ...]] = {}
     for name, one in info.fields.items():
         shape = tuple(length for length in one.shape if length is not None)
+        path = _path(name, info.schema)
         if one.type in ("number", "integer") and len(shape) == len(one.shape):
-            found[_path(name, info.schema)] = shape
+            found[path] = shape
+        elif one.shape == (None,) and (expected := objects.expected(path)) is not None:
+            found[path] = expected  # reading finds the row that differs
     return found
 
 

@@ -16,7 +16,10 @@ from ..recorder import Recorder
 Progress = Callable[[int, int], object]
 """Called now and then with the rows done and the rows in all."""
 
-FORMATS: Mapping[str, str] = {}
+FORMATS: Mapping[str, str] = {
+    "mocap": "motive",
+    "sto": "sto",
+}
 """Formats, to the module here that reads them.
 
 A module has `detect(path) -> str | None`, which names the format of what is at a path that exists, or None, and

@@ -19,6 +19,9 @@ LONGEST_GAP_FRAMES = 2.5
 LONGEST_GAP_S = 0.1
 """Nothing is interpolated across more than the longer of these."""
 
+_NOISE = 1e-8
+"""Times in nanoseconds say a rate no better than this part of it."""
+
 _EMPTY_FRAMES_FACTOR = 100
 _EMPTY_FRAMES_FREE = 1_000_000
 
@@ -62,7 +65,9 @@ def mean_rate(times_ns: Times, frames: Times) -> float:
     """Return the rate over all frames, in Hz; 0.0 for fewer than two."""
     if len(frames) < 2:
         return 0.0
-    return float(frames[-1]) * NS_PER_S / float(times_ns[-1] - times_ns[0])
+    rate = float(frames[-1]) * NS_PER_S / float(times_ns[-1] - times_ns[0])
+    rounded = round(rate, 6)
+    return rounded if abs(rate - rounded) <= _NOISE * rate else rate
 
 
 def too_sparse(frames: Times) -> bool:

@@ -126,6 +126,14 @@ def find(topic: str, shapes: Shapes, metadata: Mapping[str, Any], quat_order: st
     return Objects(tuple(bodies), tuple(_markers(topic, rest, metadata)), tuple(_joints(topic, shapes, used, metadata)))
 
 
+def expected(path: Path) -> tuple[int, ...] | None:
+    """Return the shape that a field should have by its name, if its values have several."""
+    for pattern, size in ((_POSITION, 3), (_ROTATION, 4), (_POSE, 7)):
+        if pattern.search(path[-1]) and not _NO_BODY.search(_stem(path, pattern)[-1]):
+            return (size,)
+    return None
+
+
 def _gather(shapes: Shapes) -> dict[Path, Source]:
     """Return every field as a source; dicts of x y z and of x y z w as one."""
     sources: dict[Path, Source] = {}

@@ -34,8 +34,8 @@ class Note:
 
     origin: float
     """The time stamp at which the file's times start, in s."""
-    up: str = "z"
-    """Which axis points up in the file; what does in the recording, each topic's metadata says."""
+    up: str | None = None
+    """Which axis points up in the file, if it was turned; what does in the recording, each topic's metadata says."""
     placements: tuple[Placement, ...] = ()
     metadata: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Of the topics."""
@@ -77,7 +77,9 @@ def from_text(text: str, columns: int) -> Note | None:
         )
         metadata = {topic: dict(one["metadata"]) for topic, one in said["topics"].items()}
         joints = None if said["joints"] is None else str(said["joints"])
-        note = Note(float(said["origin"]), str(said["up"]), placements, metadata, joints)
+        note = Note(
+            float(said["origin"]), None if said["up"] is None else str(said["up"]), placements, metadata, joints
+        )
     except (ValueError, TypeError, KeyError, AttributeError):
         return None
     is_sound = all(

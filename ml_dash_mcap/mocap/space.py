@@ -55,10 +55,12 @@ def unit_of(metadata: Mapping[str, Any], column: str) -> str:
         ConversionError: It is a unit that is not known.
     """
     said = metadata.get("length_units", metadata.get("units", "m"))
+    is_sure = "length_units" in metadata
     if isinstance(said, Mapping):
         parents = [column[:at] for at, letter in enumerate(column) if letter == "."]
         said = next((said[name] for name in (column, *reversed(parents)) if name in said), "m")
-    unit = UNITS.get(str(said).lower())
+        is_sure = True
+    unit = UNITS.get(str(said).lower(), None if is_sure else "m")  # `units="rad"` speaks of other fields
     if unit is None:
         raise ConversionError(f"field {column!r}: its topic's metadata says {said!r}; m, cm and mm are known")
     return unit

@@ -1,0 +1,79 @@
+"""The first lines of text files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import BinaryIO
+
+from ..errors import ForeignFileError, OptionError
+
+_LONGEST_BYTES = 1 << 26
+_SNIFFED_BYTES = 4096
+
+
+def first_line(path: Path) -> str:
+    """Return what a file begins with, up to the end of its first line; "" for a folder."""
+    if not path.is_file():
+        return ""
+    with path.open("rb") as file:
+        return _text(file.readline(_SNIFFED_BYTES)).lstrip("\ufeff")
+
+
+class Header:
+    """Reads lines from the start of a file and counts them."""
+
+    def __init__(self, path: Path, file: BinaryIO) -> None:
+        self._path = path
+        self._file = file
+        self.line = 0
+        """How many were read."""
+
+    def next(self, what: str) -> str:
+        """Return the next line without its end.
+
+        Args:
+            what: What should stand there, for the error message.
+
+        Raises:
+            ForeignFileError: The file ends here, or the line does not end.
+        """
+        raw = self._file.readline(_LONGEST_BYTES)
+        if not raw:
+            raise ForeignFileError(self._path, f"the file ends before {what}", self.line + 1)
+        if len(raw) >= _LONGEST_BYTES:
+            raise ForeignFileError(self._path, f"the line has more than {_LONGEST_BYTES} bytes", self.line + 1)
+        self.line += 1
+        return _text(raw).lstrip("\ufeff").rstrip("\r\n") if self.line == 1 else _text(raw).rstrip("\r\n")
+
+    def at(self) -> int:
+        """Return where in the file the next line starts, in bytes."""
+        return self._file.tell()
+
+    def back(self, at: int) -> None:
+        """Go back to the start of the line before, which was read last."""
+        self._file.seek(at)
+        self.line -= 1
+
+
+def _text(raw: bytes) -> str:
+    try:
+        return raw.decode()
+    except UnicodeDecodeError:  # what Windows tools wrote before they wrote UTF-8
+        return raw.decode("latin-1")
+
+
+def check_on_bad(on_bad: str) -> None:
+    """Raise OptionError unless something is a way to treat bad cells."""
+    if on_bad not in ("raise", "missing"):
+        raise OptionError(f"on_bad={on_bad!r}: pass 'raise' or 'missing'")
+
+
+def distinct(names: Sequence[str]) -> list[str]:
+    """Return names, with `#2`, `#3` behind those that were there before."""
+    seen: dict[str, int] = {}
+    found = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        found.append(name if seen[name] == 1 else f"{name}#{seen[name]}")
+    return found
