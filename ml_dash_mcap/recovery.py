@@ -48,6 +48,19 @@ class Recovered:
     """Segments that had lost their end, and the one made of the journal."""
     rows: int = 0
     """Rows that were in the journal only."""
+    lost_bytes: int = 0
+    """What the machine's crash left of chunks that are in no journal either: their rows are lost."""
+    left: list[Path] = field(default_factory=list)
+    """Session files of dead recorders whose leftovers could not be recovered here; the log says why."""
+
+    def __add__(self, other: Recovered) -> Recovered:
+        """Return what both did."""
+        return Recovered(
+            [*self.finished, *other.finished],
+            self.rows + other.rows,
+            self.lost_bytes + other.lost_bytes,
+            [*self.left, *other.left],
+        )
 
 
 @dataclass(slots=True)
@@ -113,10 +126,10 @@ def recover(path: str | Path) -> Recovered:
         if lock is None:
             continue
         try:
-            one = _recover_session(folder, lock)
-            done = Recovered([*done.finished, *one.finished], done.rows + one.rows)
+            done += _recover_session(folder, lock)
         except Exception as error:  # whatever is wrong with one session, the others and this folder's user go on
             _log.warning("the leftovers of a crashed recorder in %s stay as they are: %r", folder, error)
+            done += Recovered(left=[session_file])
         finally:
             lock.release()
     return done
@@ -137,10 +150,12 @@ def _recover_session(folder: Path, lock: SessionLock) -> Recovered:
             said["host"],
             said.get("journals"),
         )
-        return Recovered()
+        return Recovered(left=[lock.path])
     leftovers = _read_journals(journals, session)
     about = {str(key): str(value) for key, value in dict(said.get("about") or {}).items()}
-    finished = [_finish(path) for path in _unfinished(folder, session, about.pop(STAMP, ""))]
+    unfinished = list(_unfinished(folder, session, about.pop(STAMP, "")))
+    torn_bytes = sum(map(_torn_chunk, unfinished))
+    finished = [_finish(path) for path in unfinished]
     written, sequences = _written_so_far(folder, session)
     pending = [leftover for leftover in leftovers if leftover.chunk >= written]
     rows = sum(len(leftover.starts) for leftover in pending)
@@ -151,7 +166,7 @@ def _recover_session(folder: Path, lock: SessionLock) -> Recovered:
         for journal in journals:
             journal.unlink(missing_ok=True)
     lock.remove()
-    return Recovered(finished, rows)
+    return Recovered(finished, rows, lost_bytes=0 if pending else torn_bytes)
 
 
 def _is_copy(said: dict[str, Any], lock: SessionLock) -> bool:
@@ -291,6 +306,17 @@ def _finish(path: Path) -> Path:
     if rebuilt:
         segment.add_message_indexes(rebuilt)
     return segment.finish()
+
+
+def _torn_chunk(path: Path) -> int:
+    """Return how many bytes there are of a chunk that the end of a file cuts; 0 if none is cut."""
+    file = File(path)
+    try:
+        end, size = file.index.end, file.source.size()
+        is_chunk = not file.index.finished and file.source.read(end, 1) == bytes([read.Opcode.CHUNK])
+        return size - end if is_chunk else 0
+    finally:
+        file.close()
 
 
 def _torn_schemas(file: File) -> dict[int, int]:
