@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 from ..read.topics import TopicInfo
 from . import jsonl, per_topic
@@ -22,6 +23,12 @@ def export(job: Job) -> Path:
         job: What to export.
     """
     return per_topic.write(job, SUFFIX, _write)
+
+
+def stream(selection: Selection, info: TopicInfo, out: BinaryIO) -> None:
+    """Write one topic's lines to an open file or pipe."""
+    for row in selection.flat_rows(TIME_NAME):
+        out.write(jsonl.line(row) + b"\n")
 
 
 def _write(selection: Selection, info: TopicInfo, path: Path, counter: Counter) -> None:
