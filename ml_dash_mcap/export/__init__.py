@@ -6,9 +6,10 @@ import inspect
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from ..errors import FormatError, UsageError
+from ..read.topics import TopicInfo
 from . import json_rows, jsonl, mcap, mocap, parquet
 from .job import Job
 from .selection import Selection
@@ -32,6 +33,9 @@ EXPORTERS: Mapping[str, str] = {
 }
 """What `Recording.export(format=...)` takes, to the module here whose `export(job, **options)` does it."""
 
+STREAMS: Mapping[str, str] = {"csv": "csv_files", "jsonl": "jsonl_files"}
+"""What `TopicReader.write(format=...)` takes, to the module here whose `stream(selection, info, out)` does it."""
+
 
 def export(job: Job, format: str, options: Mapping[str, Any]) -> Path:
     """Write a recording in another format; returns where the result is.
@@ -52,4 +56,16 @@ def export(job: Job, format: str, options: Mapping[str, Any]) -> Path:
     return result
 
 
-__all__ = ["EXPORTERS", "FORMATS", "Job", "Selection", "export"]
+def stream(selection: Selection, info: TopicInfo, out: BinaryIO, format: str) -> None:
+    """Write rows to an open file or pipe.
+
+    Raises:
+        FormatError: There is no such format.
+    """
+    module = STREAMS.get(format)
+    if module is None:
+        raise FormatError(f"write() knows no format {format!r}; the formats are {', '.join(sorted(STREAMS))}")
+    import_module(f".{module}", __name__).stream(selection, info, out)
+
+
+__all__ = ["EXPORTERS", "FORMATS", "STREAMS", "Job", "Selection", "export", "stream"]
