@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
 import numpy.typing as npt
 
 from .errors import FormatError, NotFoundError, RangeError
-from .export import FORMATS, Selection
+from .export import FORMATS, Selection, stream
 from .lookup import not_found
 from .read import places
 from .read.file import File
@@ -119,6 +119,36 @@ class TopicReader:
             RangeError: A range makes no sense; also a ValueError.
         """
         return self._select(start_timestamp, end_timestamp, columns, start_index, limit).rows()
+
+    def write(
+        self,
+        out: BinaryIO,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+        *,
+        start_index: int = 0,
+        limit: int | None = None,
+        format: str = "jsonl",
+    ) -> None:
+        """Write rows to a binary file or pipe as they are read; memory holds a few chunks, not the topic.
+
+        The other arguments are those of `rows`.
+
+        Args:
+            out: What to write to; it stays open.
+            format: "jsonl", the lines of `read`, or "csv", as `Recording.export` writes it; the header takes a pass
+                over the rows of its own.
+
+        Raises:
+            FormatError: The format is neither; also a ValueError.
+
+        Example:
+            >>> rec["robot"].write(sys.stdout.buffer, end_timestamp=0.0, columns=["q"], format="csv")
+            _ts,q.0,q.1
+            0.0,0.1,0.2
+        """
+        stream(self._select(start_timestamp, end_timestamp, columns, start_index, limit), self.info, out, format)
 
     def to_arrow(
         self,
