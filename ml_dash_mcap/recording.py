@@ -98,6 +98,11 @@ class Recording:
         return [file.path for file in self._opened()]
 
     @property
+    def finished(self) -> bool:
+        """Whether every file has its end; one that is being recorded, or was cut, has none."""
+        return all(file.index.finished for file in self._opened())
+
+    @property
     def losses(self) -> list[Loss]:
         """What was found damaged so far and left out, each loss once, however often it was met.
 
