@@ -24,8 +24,10 @@ FLOORS: list[set[str]] = [
     {"recorder"},
     {"ingest"},
     {"recording"},
-    {"run", "convert"},
+    {"run", "convert", "catalog"},
     {"experiment", "session"},
+    {"cli"},
+    {"__main__"},
 ]
 """Rooms by floor, the lowest first; a room imports from lower floors only."""
 
@@ -41,7 +43,7 @@ HEAVY = {
     "google": {"read.protobuf"},
     "mcap_protobuf": {"read.protobuf"},
     "PIL": {"run.images"},
-    "rich": set[str](),
+    "rich": {"cli.output", "cli.progress"},
 }
 """Which modules may import a heavy library."""
 
