@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from .version import __version__
 
 if TYPE_CHECKING:
+    from .catalog import recordings
     from .experiment import Experiment
     from .options import RecorderOptions
     from .read.limits import Limits
@@ -28,6 +29,7 @@ __all__ = [
     "Topic",
     "__version__",
     "recover",
+    "recordings",
 ]
 
 _HOMES = {
@@ -39,6 +41,7 @@ _HOMES = {
     "Recording": "recording",
     "Session": "session",
     "Topic": "topic",
+    "recordings": "catalog",
     "recover": "recovery",
 }
 
