@@ -18,6 +18,9 @@ MAGIC = b"\x89MCAP0\r\n"
 PREFIX_BYTES = 9
 """A record starts with its opcode (1 byte) and the length of what follows (8 bytes)."""
 
+ENTRY_BYTES = 16
+"""One entry of a message index."""
+
 FOOTER_BYTES = PREFIX_BYTES + 20
 """A footer, with its prefix."""
 

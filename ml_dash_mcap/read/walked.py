@@ -142,7 +142,7 @@ class Walked:
     def _take_message_index(self, at: int, length: int) -> None:
         fields = self._window.content(at, length, at_most=6)
         channel_id, entries_length = fields.u16(), fields.u32()
-        if entries_length != length - 6 or entries_length % 16:
+        if entries_length % records.ENTRY_BYTES or not 0 <= length - 6 - entries_length < records.ENTRY_BYTES:
             what = "a message index whose length contradicts itself"
             raise DamagedFileError(self._window.source.name, at, what)
         last = self.chunks[-1] if self.chunks else None
