@@ -28,8 +28,8 @@ __all__ = [
     "Session",
     "Topic",
     "__version__",
-    "recover",
     "recordings",
+    "recover",
 ]
 
 _HOMES = {
