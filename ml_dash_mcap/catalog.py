@@ -1,0 +1,110 @@
+"""The recordings below a folder, each at a glance."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from .errors import MissingRecordingError, RecorderError
+from .layout import ACTIVE_SUFFIX, SEGMENT_SUFFIX, SESSION_GLOB
+from .recording import Recording
+from .write.lock import SessionLock
+
+_ENDED = ("completed", "failed", "cancelled")
+
+
+@dataclass(frozen=True, slots=True)
+class CatalogEntry:
+    """A recording at a glance."""
+
+    path: Path
+    """Its folder."""
+    status: str
+    """How the run ended: "completed", "failed" or "cancelled"; "died" if nobody said. "recording" while it is recorded.
+    Where no run was: "finished", or "unfinished" if a file lacks its end. "damaged" if something cannot be read."""
+    start: float | None = None
+    """Time of the first message, in s; None without messages."""
+    end: float | None = None
+    """Time of the last message, in s; None without messages."""
+    topics: int = 0
+    """How many, without the library's own ones."""
+    files: int = 0
+    """How many MCAP files it is made of."""
+    bytes: int = 0
+    """Size of these on disk."""
+    problem: str | None = None
+    """What is damaged, in words."""
+
+    @property
+    def duration(self) -> float:
+        """From the first message to the last, in s."""
+        return 0.0 if self.start is None or self.end is None else self.end - self.start
+
+
+def recordings(root: str | Path) -> Iterator[CatalogEntry]:
+    """Yield the recordings in a folder and in the folders below it, sorted by path; hidden folders are left out.
+
+    A folder with MCAP files in it is a recording. Opening one folds in what a crashed recorder left there.
+
+    Args:
+        root: The folder.
+
+    Raises:
+        MissingRecordingError: There is no such folder; also a FileNotFoundError.
+
+    Example:
+        >>> for entry in recordings(".dash"):
+        ...     print(entry.path, entry.status, entry.duration)
+    """
+    root = Path(root)
+    if not root.is_dir():
+        raise MissingRecordingError(errno.ENOENT, "no folder here", str(root))
+    return (_look_at(folder) for folder in _folders(root))
+
+
+def is_recording(path: str | Path) -> bool:
+    """Whether a path is a file, or a folder with MCAP files in it."""
+    path = Path(path)
+    return path.is_file() or (path.is_dir() and _has_segments(os.listdir(path)))
+
+
+def _folders(root: Path) -> Iterator[Path]:
+    for folder, names, files in os.walk(root):
+        names[:] = sorted(name for name in names if not name.startswith("."))
+        if _has_segments(files):
+            yield Path(folder)
+
+
+def _has_segments(names: list[str]) -> bool:
+    return any(name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX) and name[0] != "." for name in names)
+
+
+def _look_at(folder: Path) -> CatalogEntry:
+    try:
+        with Recording(folder, on_damage="skip") as recording:
+            size = sum(path.stat().st_size for path in recording.segments)
+            problem = next((f"{loss.path.name}: {loss.what}" for loss in recording.losses), None)
+            return CatalogEntry(
+                folder,
+                "damaged" if problem else _status(folder, recording),
+                recording.start,
+                recording.end,
+                len(recording.topics),
+                len(recording.segments),
+                size,
+                problem,
+            )
+    except (RecorderError, OSError) as error:
+        return CatalogEntry(folder, "damaged", problem=str(error))
+
+
+def _status(folder: Path, recording: Recording) -> str:
+    if any(SessionLock.is_held(path) for path in folder.glob(SESSION_GLOB)):
+        return "recording"
+    said = recording.run.get("status")
+    if said is not None:
+        return said if said in _ENDED else "died"
+    return "finished" if recording.finished else "unfinished"
