@@ -204,7 +204,7 @@ def test_the_folder_of_a_rosbag2_is_a_recording(tmp_path: Path, mode, format_) -
     seen: dict[str, list[tuple[int, foreign.Row]]] = {}
     with AnyReader([path]) as reader:
         for connection, time, data in reader.messages():
-            row = {**foreign.as_plain(reader.deserialize(data, connection.msgtype)), "_ts": time / 1e9}
+            row = {**foreign.as_plain(reader.deserialize(data, connection.msgtype)), "_ts": time / 10**9}
             seen.setdefault(connection.topic, []).append((time, row))
     with Recording(path) as recording:
         assert list(recording.topics) == ["/image", "/joints"]

@@ -147,7 +147,7 @@ def seen_by_others(path: Path) -> dict[str, list[Row]]:
     found: dict[str, list[tuple[int, Row]]] = {}
     with path.open("rb") as file:
         for schema, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
-            row = {**_seen(factories, schema, channel, message), "_ts": message.log_time / 1e9}
+            row = {**_seen(factories, schema, channel, message), "_ts": message.log_time / 10**9}
             found.setdefault(channel.topic, []).append((message.log_time, row))
     return {topic: [row for _, row in sorted(rows, key=lambda one: one[0])] for topic, rows in found.items()}
 
