@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from operator import itemgetter
 from typing import Any
 
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
@@ -85,7 +86,7 @@ class _Rows:
         of_value = self._of_value(field)
         if not field.is_repeated:
             return of_value
-        return list if of_value is None else lambda values: [of_value(value) for value in values]
+        return _AS_LIST if of_value is None else lambda values: [of_value(value) for value in values]
 
     def _of_value(self, field: FieldDescriptor) -> Convert | None:
         if field.message_type is not None:
@@ -106,3 +107,6 @@ def _map(key: FieldDescriptor, of_value: Convert | None) -> Convert:
 
 
 _BOOLS = {False: "false", True: "true"}
+
+_AS_LIST = itemgetter(slice(None))
+"""Takes half the time that `list` does for protobuf's containers of numbers."""
