@@ -23,7 +23,7 @@ def in_order(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[
     What a call raises comes out in its place. One item alone is worked on by the caller.
 
     Args:
-        work: Lets other threads run for most of its time; called on several threads.
+        work: Lets other threads run for most of its time; called on several threads, and calls nothing of this module.
         items: Taken on the caller's thread, a few ahead.
     """
     items = iter(items)
@@ -31,7 +31,7 @@ def in_order(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[
     if len(first) < 2 or _WORKERS < 2:
         yield from map(work, chain(first, items))
         return
-    pool = ThreadPoolExecutor(_WORKERS, "ml_dash_mcap reader")
+    pool = _pool()
     waiting: deque[Future[Result]] = deque()
     try:
         for item in chain(first, items):
@@ -41,4 +41,26 @@ def in_order(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[
         while waiting:
             yield waiting.popleft().result()
     finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+        for one in waiting:
+            one.cancel()
+
+
+_shared: ThreadPoolExecutor | None = None
+"""Threads take longer to start than a window takes to read, so they stay."""
+
+
+def _pool() -> ThreadPoolExecutor:
+    global _shared
+    if _shared is None:
+        _shared = ThreadPoolExecutor(_WORKERS, "ml_dash_mcap reader")
+    return _shared
+
+
+def _forget() -> None:
+    """A forked child has none of the threads."""
+    global _shared
+    _shared = None
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,31 +18,41 @@ from ..rows.columns import FIELD_PREFIX, flatten, project
 from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..rows.lines import LineReader
 from ..rows.table import Block, Column, block_of, join
-from . import messages, ordering, rows
+from . import ahead, messages, ordering, rows
 from .decode import Decoder, Row
 from .file import File
-from .messages import Cut
+from .messages import Cut, Origin
 
 _EXACT = f'"{EXACT_KEY}"'.encode()
+
+_PARSED_BYTES = 1024 * 1024
+"""Payloads of several chunks are parsed together up to about this size: each call of pyarrow has its price."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """Messages of one channel, copied out of their chunk."""
+
+    times_ns: npt.NDArray[np.uint64]
+    written: npt.NDArray[np.int64]
+    """Numbers that grow in the order of writing, over all chunks and files."""
+    payloads: list[bytes]
+    origin: Origin
+
+    def pick(self, which: npt.NDArray[np.intp]) -> _Piece:
+        """Return some of them."""
+        payloads = self.payloads
+        return _Piece(self.times_ns[which], self.written[which], [payloads[at] for at in which.tolist()], self.origin)
 
 
 @dataclass(frozen=True, slots=True)
 class _Parsed:
-    """The messages that were cut out of a chunk, and the columns that they became."""
+    """Messages of one channel, and the columns that they became."""
 
-    cut: Cut
+    pieces: list[_Piece]
     times: npt.NDArray[np.float64]
     """Time stamps, [N], in s."""
     block: Block
-
-    @property
-    def times_ns(self) -> npt.NDArray[np.uint64]:
-        """Their log times."""
-        return self.cut.times_ns
-
-    def pick(self, which: npt.NDArray[np.intp]) -> _Parsed:
-        """Return some of them."""
-        return _Parsed(self.cut.pick(which), self.times[which], self.block.take(which))
 
 
 def read(
@@ -69,56 +79,79 @@ def read(
     Yields:
         Some rows each, one or more, each block later than the one before. Its columns are those that it has values of.
     """
-    reading = _Reading(columns, time_name)
+    reading = _Reading(columns, time_name, low, high)
     start_ns, end_ns = rows.to_ns_range(low, high)
-    for parts in ordering.in_time(messages.cut(files, topic, start_ns, end_ns, reading.parse)):
-        block = reading.combine(parts, low, high)
+    found = ordering.in_time(messages.cut(files, topic, start_ns, end_ns, _copied))
+    for block in ahead.in_order(reading.block, _together(found)):
         if block.count:
             yield block
 
 
-class _Reading:
-    """What all chunks of one call have in common. Threads parse; the caller's combines."""
+def _copied(cut: Cut) -> _Piece:
+    """Copy messages out of their chunk, so that it need not be held for the few of its messages that are wanted."""
+    return _Piece(cut.times_ns, cut.written, cut.messages.payloads, cut.origin)
 
-    def __init__(self, columns: Sequence[str] | None, time_name: str) -> None:
+
+def _together(groups: Iterable[list[_Piece]]) -> Iterator[list[_Piece]]:
+    """Join groups of pieces, each later than the one before, into some that are worth parsing."""
+    waiting: list[_Piece] = []
+    size = 0
+    for group in groups:
+        waiting += group
+        size += sum(sum(map(len, piece.payloads)) for piece in group)
+        if size >= _PARSED_BYTES:
+            yield waiting
+            waiting, size = [], 0
+    if waiting:
+        yield waiting
+
+
+class _Reading:
+    """What all blocks of one call have in common; several threads make them."""
+
+    def __init__(self, columns: Sequence[str] | None, time_name: str, low: float, high: float) -> None:
         self._columns = columns
         self._time_name = time_name
+        self._low, self._high = low, high
         self._decoders: dict[tuple[str, int], Decoder] = {}
         self._readers: dict[tuple[str, int], LineReader] = {}
 
-    # -- a chunk's messages to columns ---------------------------------------------------------------------------------
+    def block(self, pieces: list[_Piece]) -> Block:
+        """Return the rows of some pieces that are wanted, in time order, merged."""
+        by_channel: dict[tuple[str, int], list[_Piece]] = {}
+        for piece in pieces:
+            by_channel.setdefault(rows.key_of(piece.origin), []).append(piece)
+        return self._combine([parsed for key, group in by_channel.items() for parsed in self._parse(key, group)])
 
-    def parse(self, cut: Cut) -> _Parsed:
-        payloads = cut.messages.payloads
-        if cut.origin.channel.message_encoding != "json":
-            return self._decoded(cut, payloads)
+    # -- messages to columns -------------------------------------------------------------------------------------------
+
+    def _parse(self, key: tuple[str, int], pieces: list[_Piece]) -> list[_Parsed]:
+        if pieces[0].origin.channel.message_encoding != "json":
+            return [self._decoded(pieces)]
+        payloads = [payload for piece in pieces for payload in piece.payloads]
         lines = b"\n".join(payloads)
-        odd = _lines_with_side_key(lines)
-        if len(odd) == len(payloads):
-            return self._decoded(cut, payloads)
-        if not len(odd):
-            return self._from_lines(cut, lines, len(payloads)) or self._decoded(cut, payloads)
-        is_odd = np.zeros(len(payloads), np.bool_)
-        is_odd[odd] = True
-        even = np.flatnonzero(~is_odd)
-        kept = [payloads[at] for at in even.tolist()]
-        parsed = self._from_lines(cut.pick(even), b"\n".join(kept), len(kept))
-        if parsed is None:
-            return self._decoded(cut, payloads)
-        others = self._decoded(cut.pick(odd), [payloads[at] for at in odd.tolist()])
-        places = np.argsort(np.concatenate((even, odd)))
-        times = np.concatenate((parsed.times, others.times))[places]
-        return _Parsed(cut, times, join([parsed.block, others.block]).take(places))
-
-    def _from_lines(self, cut: Cut, lines: bytes, count: int) -> _Parsed | None:
-        key = rows.key_of(cut.origin)
         reader = self._readers.get(key)
         if reader is None:
             reader = self._readers[key] = LineReader(self._columns)
-        flat = reader.read(lines, count)
-        if flat is None:
-            return None
-        times = _times(flat.pop(TIME_KEY, None), cut.times_ns)
+        flat = reader.read(lines, len(payloads))
+        if flat is not None and EXACT_KEY in flat:
+            return self._mixed(reader, pieces, payloads, _lines_with_side_key(lines))
+        named = None if flat is None else self._named(pieces, flat)
+        return [named or self._decoded(pieces)]
+
+    def _mixed(
+        self, reader: LineReader, pieces: list[_Piece], payloads: list[bytes], odd: npt.NDArray[np.intp]
+    ) -> list[_Parsed]:
+        """Take the rows with a side key through Python objects, and the others not."""
+        even = np.setdiff1d(np.arange(len(payloads)), odd)
+        kept = [payloads[at] for at in even.tolist()]
+        flat = reader.read(b"\n".join(kept), len(kept)) if kept else None
+        named = None if flat is None or EXACT_KEY in flat else self._named(_picked(pieces, even), flat)
+        return [self._decoded(pieces)] if named is None else [named, self._decoded(_picked(pieces, odd))]
+
+    def _named(self, pieces: list[_Piece], flat: dict[str, Any]) -> _Parsed | None:
+        """Give columns the names that are wanted; None if that would lose one."""
+        times = _times(flat.pop(TIME_KEY, None), np.concatenate([piece.times_ns for piece in pieces]))
         named: dict[str, Column] = {}
         for name, array in flat.items():
             if name == TIME_KEY or name.startswith(TIME_KEY + "."):
@@ -128,29 +161,35 @@ class _Reading:
                 named[FIELD_PREFIX + name if taken else name] = Column(array)
         if len(named) < len(flat) and self._columns is None:
             return None
-        return _Parsed(cut, times, Block(count, {self._time_name: Column(pa.array(times)), **named}))
+        return _Parsed(pieces, times, Block(len(times), {self._time_name: Column(pa.array(times)), **named}))
 
     def _is_wanted(self, name: str) -> bool:
         columns = self._columns
         return columns is None or any(name == column or name.startswith(column + ".") for column in columns)
 
-    def _decoded(self, cut: Cut, payloads: list[bytes]) -> _Parsed:
-        decoded = list(rows.decode(cut.origin, payloads, cut.times_ns, self._decoders))
-        times = np.array([row[TIME_KEY] for row in decoded], np.float64)
-        return _Parsed(cut, times, self._block(decoded))
+    def _decoded(self, pieces: list[_Piece]) -> _Parsed:
+        found: list[Row] = []
+        kept: list[_Piece] = []
+        for piece in pieces:
+            decoded = list(rows.decode(piece.origin, piece.payloads, piece.times_ns, self._decoders))
+            present = np.flatnonzero([row is not None for row in decoded])  # others are lost
+            kept.append(piece if len(present) == len(decoded) else piece.pick(present))
+            found += [row for row in decoded if row is not None]
+        return _Parsed(kept, np.array([row[TIME_KEY] for row in found], np.float64), self._of_rows(found))
 
-    def _block(self, nested: list[Row]) -> Block:
+    def _of_rows(self, nested: list[Row]) -> Block:
         columns = self._columns
         chosen = nested if columns is None else [project(row, columns) for row in nested]
         return block_of([flatten(row, self._time_name) for row in chosen])
 
-    # -- the columns of several chunks into one order ------------------------------------------------------------------
+    # -- columns into one order ----------------------------------------------------------------------------------------
 
-    def combine(self, parts: list[_Parsed], low: float, high: float) -> Block:
+    def _combine(self, parts: list[_Parsed]) -> Block:
         times = np.concatenate([part.times for part in parts])
-        written = np.concatenate([part.cut.written for part in parts])
-        keep = (times >= low) & (times <= high)
-        again = _repeated(times, keep & np.concatenate([np.full(len(part.times), _merges(part.cut)) for part in parts]))
+        written = np.concatenate([piece.written for part in parts for piece in part.pieces])
+        keep = (times >= self._low) & (times <= self._high)
+        merges = np.concatenate([np.full(len(part.times), _merges(part.pieces[0].origin)) for part in parts])
+        again = _repeated(times, keep & merges)
         keep &= ~again
         blocks = [part.block for part in parts]
         if not keep.all():  # before they are joined, so that what goes has no say in the columns' types
@@ -158,7 +197,7 @@ class _Reading:
             times, written = times[keep], written[keep]
         if again.any():
             merged, first_written = self._merged(parts, again)
-            blocks.append(self._block(merged))
+            blocks.append(self._of_rows(merged))
             times = np.concatenate((times, [row[TIME_KEY] for row in merged]))
             written = np.concatenate((written, first_written))
         if not blocks:
@@ -176,19 +215,33 @@ class _Reading:
         """
         found: list[tuple[float, int, Row]] = []
         start = 0
-        for part in parts:
-            which = np.flatnonzero(again[start : start + len(part.times)])
-            start += len(part.times)
+        for piece in (piece for part in parts for piece in part.pieces):
+            which = np.flatnonzero(again[start : start + len(piece.payloads)])
+            start += len(piece.payloads)
             if len(which):
-                cut = part.cut.pick(which)
-                decoded = rows.decode(cut.origin, cut.messages.payloads, cut.times_ns, self._decoders)
-                found += zip(part.times[which].tolist(), cut.written.tolist(), decoded, strict=True)
+                chosen = piece.pick(which)
+                decoded = rows.decode(chosen.origin, chosen.payloads, chosen.times_ns, self._decoders)
+                for row, written in zip(decoded, chosen.written.tolist(), strict=True):
+                    if row is not None:
+                        found.append((row[TIME_KEY], written, row))
         found.sort(key=lambda one: one[:2])
         merged = rows.merge_same([row for _, _, row in found])
         first: dict[float, int] = {}
         for time, written, _ in found:
             first.setdefault(time, written)
         return merged, list(first.values())
+
+
+def _picked(pieces: list[_Piece], which: npt.NDArray[np.intp]) -> list[_Piece]:
+    """Return some of the messages of pieces that lie one behind the other."""
+    picked: list[_Piece] = []
+    start = 0
+    for piece in pieces:
+        low, high = np.searchsorted(which, [start, start + len(piece.payloads)])
+        if low < high:
+            picked.append(piece.pick(which[low:high] - start))
+        start += len(piece.payloads)
+    return picked
 
 
 def _chosen(blocks: list[Block], keep: npt.NDArray[np.bool_]) -> list[Block]:
@@ -203,8 +256,8 @@ def _chosen(blocks: list[Block], keep: npt.NDArray[np.bool_]) -> list[Block]:
     return chosen
 
 
-def _merges(cut: Cut) -> bool:
-    return cut.origin.channel.metadata.get(KIND_KEY) == TRACK
+def _merges(origin: Origin) -> bool:
+    return origin.channel.metadata.get(KIND_KEY) == TRACK
 
 
 def _lines_with_side_key(lines: bytes) -> npt.NDArray[np.intp]:

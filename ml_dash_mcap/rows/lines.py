@@ -16,11 +16,14 @@ import pyarrow.compute as pc
 import pyarrow.json as pj
 
 from .columns import FIELD_PREFIX
-from .encode import TIME_KEY
+from .encode import EXACT_KEY, TIME_KEY
 from .table import tight
 
 _EXACT_INTEGERS = 2.0**53
 _MOST_BYTES = 2**31 - 2
+
+_SIDE_KEY = pa.field(EXACT_KEY, pa.struct([]))
+"""Tells the rows that have it from those that do not, without reading what is in it."""
 
 
 class LineReader:
@@ -44,24 +47,28 @@ class LineReader:
     def read(self, lines: bytes, count: int) -> dict[str, pa.Array] | None:
         """Return the columns of rows, by dotted name, or None if only Python objects can hold them without loss.
 
+        Whether rows have the side key is seen by a column of its name.
+
         Args:
             lines: One JSON object a line.
             count: How many.
         """
-        if not 0 < len(lines) < _MOST_BYTES or b"{}" in lines or b"{ }" in lines:
+        if not 0 < len(lines) < _MOST_BYTES:
             return None
         table = self._projected(lines)
         flat = None if table is None else _flatten(table, count)
         if flat is None:
             table = self._inferred(lines)
-            flat = None if table is None else _flatten(table, count)
+            if table is None or (_has_structs(table) and (b"{}" in lines or b"{ }" in lines)):
+                return None  # an empty dict leaves no trace beside others
+            flat = _flatten(table, count)
         return flat
 
     def _projected(self, lines: bytes) -> pa.Table | None:
         """Read the wanted keys only, if their types are known and can be relied upon."""
         if self._wanted is None:
             return None
-        fields = []
+        fields = [_SIDE_KEY]
         for name in self._wanted:
             if orjson.dumps(name) in lines:
                 type_ = self._known.get(name)
@@ -112,6 +119,10 @@ def _has(type_: pa.DataType, is_it: Any) -> bool:
     return bool(is_it(type_)) or any(_has(type_.field(at).type, is_it) for at in range(type_.num_fields))
 
 
+def _has_structs(table: pa.Table) -> bool:
+    return any(_has(type_, pa.types.is_struct) for type_ in table.schema.types)
+
+
 def _is_unsure(type_: pa.DataType) -> bool:
     """Whether a chunk's type says too little about the next one's: a struct may get more keys, a null anything."""
     return bool(pa.types.is_null(type_) or pa.types.is_struct(type_))
@@ -150,22 +161,21 @@ def _flatten(table: pa.Table, count: int) -> dict[str, pa.Array] | None:
 
 def _put(flat: dict[str, pa.Array], name: str, array: pa.Array) -> bool:
     """Add a column, a struct's keys as columns of their own; returns whether that lost nothing."""
+    if name == EXACT_KEY:
+        if array.null_count < len(array):
+            flat[name] = pc.is_valid(array)
+        return True
     if pa.types.is_struct(array.type):
         inner = zip([array.type.field(at).name for at in range(array.type.num_fields)], array.flatten(), strict=True)
         return array.type.num_fields > 0 and all(_put(flat, f"{name}.{key}", child) for key, child in inner)
-    found = _exactly(array)
-    if found is None or name in flat:
+    if name in flat or not _is_exact(array):
         return False
-    flat[name] = found
+    flat[name] = tight(array)
     return True
 
 
-def _exactly(array: pa.Array) -> pa.Array | None:
-    """Return an array in the type that `rows.table` gives its values, or None if it may not hold them exactly."""
-    return tight(array) if _is_exact(array) else None
-
-
 def _is_exact(array: pa.Array) -> bool:
+    """Whether an array holds the values exactly in which `rows.table` would put them."""
     type_ = array.type
     if pa.types.is_floating(type_):
         return _is_safe(array)
@@ -179,7 +189,5 @@ def _is_exact(array: pa.Array) -> bool:
 
 def _is_safe(array: pa.Array) -> bool:
     """Whether no value can have been an integer that a double rounds."""
-    if len(array) == array.null_count:
-        return True
-    range_ = pc.min_max(array)
-    return bool(-_EXACT_INTEGERS < range_["min"].as_py() <= range_["max"].as_py() < _EXACT_INTEGERS)
+    values = (array.drop_null() if array.null_count else array).to_numpy()
+    return not len(values) or bool(values.min() > -_EXACT_INTEGERS and values.max() < _EXACT_INTEGERS)

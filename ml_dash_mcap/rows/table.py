@@ -194,18 +194,18 @@ def tight(array: pa.Array) -> pa.Array:
             return array
         names = [type_.field(at).name for at in range(type_.num_fields)]
         return pa.StructArray.from_arrays(children, names, mask=pc.is_null(array) if array.null_count else None)
-    if not pa.types.is_list(type_):
+    if not pa.types.is_list(type_) or not len(array):
         return array
-    inner = tight(array.flatten())
-    lengths = pc.fill_null(pc.list_value_length(array), 0).to_numpy()
-    if (pa.types.is_integer(inner.type) or pa.types.is_floating(inner.type)) and len(inner) and not array.null_count:
+    inner, has_gaps = tight(array.flatten()), array.null_count > 0
+    lengths = pc.fill_null(pc.list_value_length(array), 0).to_numpy() if has_gaps else np.diff(array.offsets.to_numpy())
+    if (pa.types.is_integer(inner.type) or pa.types.is_floating(inner.type)) and len(inner) and not has_gaps:
         size = int(lengths[0])
-        if (lengths == size).all():
+        if len(inner) == size * len(array) and (lengths == size).all():
             return pa.FixedSizeListArray.from_arrays(inner, size)
     if inner.type == type_.value_type:
         return array
     offsets = pa.array(np.concatenate(([0], np.cumsum(lengths))).astype(np.int32))
-    return pa.ListArray.from_arrays(offsets, inner, mask=pc.is_null(array) if array.null_count else None)
+    return pa.ListArray.from_arrays(offsets, inner, mask=pc.is_null(array) if has_gaps else None)
 
 
 def _is_list(type_: pa.DataType) -> bool:
