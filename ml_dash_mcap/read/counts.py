@@ -13,11 +13,12 @@ from ..layout import KIND_KEY, TRACK
 from ..rows.encode import TIME_KEY
 from . import chunk as chunks
 from . import plan, rows
-from .decode import decoder
+from .decode import Decoder
 from .file import File
+from .messages import Origin
 from .ordering import TOLERANCE_NS
 from .plan import Located
-from .records import Channel, MessageIndex
+from .records import Channel
 
 OWN_LIBRARY = "ml_dash_mcap"
 """What the header of a file starts with whose chunks hold no two rows of one topic and time stamp."""
@@ -79,20 +80,17 @@ def _duplicates_among(
     """Count by the doubles in the payloads how many messages of these times are not rows of their own."""
     seen: set[float] = set()
     messages = 0
+    decoders: dict[tuple[str, int], Decoder] = {}
     for one in located:
-        file = files[one.file]
-        for channel in file.index.channels_of(topic).values():
-            found = file.message_index(one.chunk, channel.id)
-            keep = np.isin(found.times_ns, times_ns)
-            if not keep.any():
-                continue
-            picked = MessageIndex(channel.id, found.times_ns[keep], found.offsets[keep])
-            decode = decoder(channel, file.index.schema_of(channel))
-            gathered = chunks.gather(file.unpack(one.chunk), picked, one.chunk, file.source.name)
-            for payload, time_ns in zip(gathered.payloads, gathered.times_ns.tolist(), strict=True):
-                time = decode(payload).get(TIME_KEY)
-                seen.add(float(time) if isinstance(time, (int, float)) else clock.to_seconds(time_ns))
-            messages += len(gathered.payloads)
+        file, chunk = files[one.file], one.chunk
+        channels = file.index.channels_of(topic)
+        for found in file.cut(chunk, channels, 0, rows.LAST_NS):
+            picked = found.pick(np.flatnonzero(np.isin(found.times_ns, times_ns)))
+            origin = Origin(file, channels[found.channel_id], chunk)
+            decoded = rows.decode(origin, picked.payloads, picked.times_ns, decoders)
+            times_s = [row[TIME_KEY] for row in decoded if row is not None]
+            seen.update(times_s)
+            messages += len(times_s)
     return messages - len(seen)
 
 
@@ -107,11 +105,9 @@ def payload_bytes(files: Sequence[File], topic: str) -> int:
     for one in _located(files, topic):
         file, chunk = files[one.file], one.chunk
         index = file.index
-        if chunk.indexed:
-            found = {id_: file.message_index(chunk, id_).offsets for id_ in chunk.message_index_offsets}
-        else:
-            scanned = chunks.scan(file.unpack(chunk), chunk, file.source.name).indexes
-            found = {id_: entry.offsets for id_, entry in scanned.items()}
+        found = {id_: entry.offsets for id_, entry in file.message_indexes(chunk).items()}
+        if not found:
+            continue
         starts = np.sort(np.concatenate(list(found.values())))
         ends = np.append(starts[1:], np.uint64(chunk.uncompressed_size))
         for id_ in index.channels_of(topic):
@@ -164,6 +160,7 @@ def _time_at(files: Sequence[File], topic: str, time_ns: int, choose: Callable[[
     """Return the exact double of the row at a log time; of one that cannot be decoded, that of the log time."""
     low, high = clock.to_seconds(time_ns - TOLERANCE_NS), clock.to_seconds(time_ns + TOLERANCE_NS)
     try:
-        return choose(row[TIME_KEY] for row in rows.read(files, topic, low, high))
+        found = [row[TIME_KEY] for row in rows.read(files, topic, low, high)]
     except (EncodingError, DamagedFileError):  # whoever reads the rows is told
-        return clock.to_seconds(time_ns)
+        found = []
+    return choose(found) if found else clock.to_seconds(time_ns)

@@ -145,6 +145,22 @@ class File:
             raise error
         self._losses.add((error.offset, key), Loss(self.path, error.offset, error.what, messages))
 
+    def lose_message(self, error: DamagedFileError, channel_id: int, message: int) -> None:
+        """Note that one message could not be decoded, and go on; or raise, if the file is not to be salvaged.
+
+        Args:
+            error: What is wrong; its place is the message's chunk.
+            channel_id: Of the message.
+            message: Tells it from other messages of the channel in that chunk.
+
+        Raises:
+            DamagedFileError: That one.
+        """
+        if not self.salvages:
+            raise error
+        loss = Loss(self.path, error.offset, error.what, 1)
+        self._losses.add_message((error.offset, "message", channel_id), message, loss)
+
     def close(self) -> None:
         """Close the file. May be called twice."""
         self.source.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 
@@ -30,6 +30,8 @@ class Losses:
         self._lock = threading.Lock()
         """Guards `_found`."""
         self._found: dict[Hashable, Loss] = {}
+        self._members: dict[Hashable, set[int]] = {}
+        """Of the losses that are counted up message by message, what tells the messages apart."""
 
     def add(self, key: Hashable, loss: Loss) -> None:
         """Note a loss once.
@@ -41,6 +43,19 @@ class Losses:
         with self._lock:
             self._found.setdefault(key, loss)
 
+    def add_message(self, key: Hashable, message: int, loss: Loss) -> None:
+        """Note once that a message is lost; those of one key are one loss.
+
+        Args:
+            key: Tells the loss from others.
+            message: Tells the message from others.
+            loss: What is lost; what was said with the first message stays.
+        """
+        with self._lock:
+            members = self._members.setdefault(key, set())
+            members.add(message)
+            self._found[key] = replace(self._found.get(key, loss), messages=len(members))
+
     def all(self) -> list[Loss]:
         """Return what was noted, by where it lies."""
         with self._lock:
@@ -50,3 +65,4 @@ class Losses:
         """Forget everything: the file is another one now."""
         with self._lock:
             self._found.clear()
+            self._members.clear()

@@ -39,7 +39,7 @@ def in_time(found: Iterable[tuple[int, Sequence[P]]]) -> Iterator[list[P]]:
         ready, pending = _split(pending, start_ns - TOLERANCE_NS)
         if ready:
             yield ready
-        pending += parts
+        pending += [part for part in parts if len(part.times_ns)]  # of some, all messages were lost
     if pending:
         yield pending
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import clock
-from ..errors import DamagedFileError, RangeError
+from ..errors import DamagedFileError, EncodingError, RangeError
 from ..layout import KIND_KEY, TRACK
 from ..rows.encode import TIME_KEY
 from ..rows.merge import merge
@@ -22,6 +22,7 @@ from .ordering import TOLERANCE_NS
 
 LAST_NS = 2**64 - 1
 """The last time that MCAP can say, in ns."""
+_LAST_S = clock.to_seconds(LAST_NS)
 
 
 def check_range(start: Any, end: Any) -> tuple[float, float]:
@@ -62,8 +63,8 @@ def check_index(name: str, value: Any) -> int:
 
 def to_ns_range(low: float, high: float) -> tuple[int, int]:
     """Return the log times, in ns, that the rows of a range in seconds can have; a little wider than the range."""
-    start = 0 if low <= 0 else LAST_NS if low >= clock.END_S else clock.to_nanoseconds(low)
-    end = -1 if high < 0 else LAST_NS if high >= clock.END_S else clock.to_nanoseconds(high)
+    start = 0 if low <= 0 else LAST_NS if low >= _LAST_S else clock.to_nanoseconds(low)
+    end = -1 if high < 0 else LAST_NS if high >= _LAST_S else clock.to_nanoseconds(high)
     return max(0, start - TOLERANCE_NS), end if end < 0 else min(LAST_NS, end + TOLERANCE_NS)
 
 
@@ -99,10 +100,10 @@ def of_batch(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterable
     rows = _decode(batch, decoders)
     if bool(np.any(batch.times_ns[1:] == batch.times_ns[:-1])):
         return _merge_same_times(batch, list(rows))
-    return rows
+    return (row for row in rows if row is not None)
 
 
-def _decode(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterator[Row]:
+def _decode(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterator[Row | None]:
     origins = batch.origins
     if len(origins) == 1:
         yield from decode(origins[0], batch.payloads, batch.times_ns, decoders)
@@ -117,7 +118,7 @@ def _decode(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterator[
 
 def decode(
     origin: Origin, payloads: list[bytes], times_ns: npt.NDArray[np.uint64], decoders: dict[tuple[str, int], Decoder]
-) -> Iterator[Row]:
+) -> Iterator[Row | None]:
     """Turn messages into rows, each with its time stamp as `_ts`.
 
     Args:
@@ -126,6 +127,9 @@ def decode(
         times_ns: Their log times, [N].
         decoders: Of the channels met so far; gets new ones.
 
+    Yields:
+        A row for each message; None for one that is lost, where the file is to be salvaged.
+
     Raises:
         DamagedFileError: A payload is not in the encoding that its channel announces.
         EncodingError: Nothing here decodes that encoding.
@@ -133,21 +137,47 @@ def decode(
     key = key_of(origin)
     decode_one = decoders.get(key)
     if decode_one is None:
-        decode_one = decoders[key] = decoder(origin.channel, origin.file.index.schema_of(origin.channel))
+        decode_one = decoders[key] = _decoder(origin)
     for payload, time_ns in zip(payloads, times_ns.tolist(), strict=True):
         try:
             row = decode_one(payload)
         except (ValueError, RecursionError) as error:
-            raise DamagedFileError(
-                origin.file.source.name,
-                origin.chunk.offset,
-                f"a message of topic {origin.channel.topic!r} at {time_ns} ns in the chunk here is not"
-                f" {origin.channel.message_encoding}: {error}",
-            ) from error
+            _lose(origin, payload, time_ns, error)
+            yield None
+            continue
         time = row.get(TIME_KEY)
         if type(time) is not float or not abs(time * 1e9 - time_ns) <= TOLERANCE_NS:
             _set_time(row, time, time_ns)
         yield row
+
+
+def _decoder(origin: Origin) -> Decoder:
+    """Return what decodes a channel's messages; a broken schema loses each of them, where that is allowed."""
+    try:
+        return decoder(origin.channel, origin.file.index.schema_of(origin.channel))
+    except EncodingError as error:
+        if not origin.file.salvages:
+            raise
+        what = str(error)
+
+    def refuse(payload: bytes) -> Row:
+        raise EncodingError(what)
+
+    return refuse
+
+
+def _lose(origin: Origin, payload: bytes, time_ns: int, error: Exception) -> None:
+    """Lose one message, or raise.
+
+    Raises:
+        DamagedFileError: The file is not to be salvaged.
+    """
+    what = f"a message of topic {origin.channel.topic!r} at {time_ns} ns in the chunk here is not"
+    lost = DamagedFileError(
+        origin.file.source.name, origin.chunk.offset, f"{what} {origin.channel.message_encoding}: {error}"
+    )
+    lost.__cause__ = error
+    origin.file.lose_message(lost, origin.channel.id, hash((time_ns, payload)))
 
 
 def key_of(origin: Origin) -> tuple[str, int]:
@@ -162,25 +192,28 @@ def _set_time(row: Row, time: Any, time_ns: int) -> None:
     row[TIME_KEY] = float(time) if is_its_time else clock.to_seconds(time_ns)
 
 
-def _merge_same_times(batch: Batch, rows: list[Row]) -> list[Row]:
+def _merge_same_times(batch: Batch, rows: list[Row | None]) -> list[Row]:
     merges = [origin.channel.metadata.get(KIND_KEY) == TRACK for origin in batch.origins]
     edges = np.flatnonzero(batch.times_ns[1:] != batch.times_ns[:-1]) + 1
     merged: list[Row] = []
     start = 0
     for end in (*edges.tolist(), len(rows)):
-        if end - start == 1:
-            merged.append(rows[start])
-        else:
+        one = rows[start]
+        if end - start > 1:
             merged += _merge_group(rows[start:end], [merges[which] for which in batch.origin_of[start:end].tolist()])
+        elif one is not None:
+            merged.append(one)
         start = end
     return merged
 
 
-def _merge_group(rows: list[Row], merges: list[bool]) -> list[Row]:
+def _merge_group(rows: list[Row | None], merges: list[bool]) -> list[Row]:
     """Merge the rows of one nanosecond that also have the same double, the earliest written first."""
     by_time: dict[float, list[Row]] = {}
     apart: list[tuple[float, list[Row]]] = []
     for row, is_merged in zip(rows, merges, strict=True):
+        if row is None:
+            continue
         if is_merged:
             by_time.setdefault(row[TIME_KEY], []).append(row)
         else:
