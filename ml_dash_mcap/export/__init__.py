@@ -30,6 +30,10 @@ EXPORTERS: Mapping[str, str] = {
     "dreamlake": "dreamlake",
     "mocap": "mocap_files",
     "sto": "sto",
+    "trc": "trc",
+    "qtm": "qtm",
+    "vicon": "vicon",
+    "rosbag2": "rosbag2",
 }
 """What `Recording.export(format=...)` takes, to the module here whose `export(job, **options)` does it."""
 

@@ -49,7 +49,7 @@ def fill(message: Message, rows: Sequence[Row]) -> dict[str, Column]:
     for number, one in enumerate(message.fields):
         values = [row.get(one.key, _NOT_THERE) for row in rows]
         states[:, number] = _states(values)
-        columns.update(_column(one, values, states[:, number]))
+        columns.update(column(one, values, states[:, number]))
     if message.is_stated:
         return {STATE: states, **columns}
     if (states != PRESENT).any():
@@ -69,8 +69,14 @@ def _states(values: list[Any]) -> npt.NDArray[np.uint8]:
     )
 
 
-def _column(one: Field, values: list[Any], states: npt.NDArray[np.uint8]) -> dict[str, Column]:
-    """Return a field's column, and the one that says which elements are integers; marks integers in `states`."""
+def column(one: Field, values: list[Any], states: npt.NDArray[np.uint8]) -> dict[str, Column]:
+    """Return a field's column, and the one that says which elements are integers.
+
+    Args:
+        one: The field.
+        values: Of each message; anything where `states` does not say PRESENT.
+        states: What `field_state` says of the field, [N]; gets INTEGER where a value is one among doubles.
+    """
     if not (states == PRESENT).all():
         nothing = default(one)
         values = [nothing if state != PRESENT else value for value, state in zip(values, states.tolist(), strict=True)]

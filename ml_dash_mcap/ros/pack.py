@@ -33,6 +33,12 @@ class Packed(NamedTuple):
     sizes: Indices
     """Bytes of each message, without its room, [N]."""
 
+    def slice(self, start: int, end: int) -> Packed:
+        """Return some of the messages, from a number on and before another, without a copy."""
+        first = int(self.starts[start])
+        last = int(self.starts[end]) if end < len(self.starts) else len(self.data)
+        return Packed(self.data[first:last], self.starts[start:end] - first, self.sizes[start:end])
+
     def messages(self, room: int = 0) -> list[bytes]:
         """Return each message's bytes."""
         whole = self.data.tobytes()

@@ -1,0 +1,98 @@
+"""One SQLite file of a rosbag2 folder: version 4 of the schema of rosbag2_storage_sqlite3."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Sequence
+from pathlib import Path
+
+from .bag_topics import Outlet, Sent
+
+SUFFIX = ".db3"
+
+_TABLES = """
+CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
+CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL);
+CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
+    serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL, type_description_hash TEXT NOT NULL);
+CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL,
+    encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL);
+CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
+    data BLOB NOT NULL);
+"""
+_INDEX = "CREATE INDEX timestamp_idx ON messages (timestamp ASC)"
+
+
+class Storage:
+    """A file that takes messages until it is finished."""
+
+    room = 0
+    """Bytes that each message needs before it."""
+
+    def __init__(self, path: Path, outlets: Sequence[Outlet], qos: str, distro: str, version: int) -> None:
+        """Begin a file.
+
+        Args:
+            path: Of the file.
+            outlets: All topics.
+            qos: Of each topic, as YAML.
+            distro: Of ROS 2.
+            version: Of the metadata.
+        """
+        self._version = version
+        self._base = sqlite3.connect(path, isolation_level=None)
+        # The file gets its name when it is whole, so nothing has to be undone in it.
+        self._base.execute("PRAGMA journal_mode=OFF")
+        self._base.execute("PRAGMA synchronous=OFF")
+        self._base.executescript(_TABLES)
+        self._base.execute("BEGIN")
+        self._base.execute("INSERT INTO schema VALUES (4, ?)", (distro,))
+        self._base.executemany(
+            "INSERT INTO topics VALUES (?, ?, ?, 'cdr', ?, ?)",
+            [(one.number, one.topic, one.type, qos, one.digest) for one in outlets],
+        )
+        self._base.executemany(
+            "INSERT INTO message_definitions(topic_type, encoding, encoded_message_definition, type_description_hash)"
+            " VALUES (?, 'ros2msg', ?, ?)",
+            [(one.type, one.text, one.digest) for one in {one.type: one for one in outlets}.values()],
+        )
+        self.size = 0
+        """Bytes of messages so far."""
+        self.counts: dict[int, int] = {}
+        self.start_ns = 0
+        self.end_ns = 0
+
+    def write(self, sent: Sequence[Sent]) -> None:
+        """Write messages, by time."""
+        rows = [
+            (time, one.outlet.number, data)
+            for one in sent
+            for time, data in zip(one.times_ns.tolist(), one.packed.messages(), strict=True)
+        ]
+        if not rows:
+            return
+        if len(sent) > 1:
+            rows.sort(key=lambda row: row[:2])
+        self._base.executemany("INSERT INTO messages(timestamp, topic_id, data) VALUES (?, ?, ?)", rows)
+        self.start_ns = min(self.start_ns, rows[0][0]) if self.counts else rows[0][0]
+        self.end_ns = max(self.end_ns, rows[-1][0])
+        for one in sent:
+            self.counts[one.outlet.number] = self.counts.get(one.outlet.number, 0) + len(one.times_ns)
+            self.size += len(one.packed.data)
+
+    def finish(self, information: str) -> None:
+        """Write the file's end.
+
+        Args:
+            information: What is said of it, as YAML.
+        """
+        self._base.execute(
+            "INSERT INTO metadata(metadata_version, metadata) VALUES (?, ?)", (self._version, information)
+        )
+        self._base.execute(_INDEX)
+        self._base.execute("COMMIT")
+        self.close()
+
+    def close(self) -> None:
+        """Close the file, finished or not. May be called twice."""
+        self._base.close()

@@ -1,0 +1,201 @@
+"""A recording as a rosbag2 folder: MCAP or SQLite files, `metadata.yaml`, and the package that defines our messages."""
+
+from __future__ import annotations
+
+import functools
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from ..errors import OptionError
+from ..ros import package as interfaces
+from . import bag_mcap, bag_metadata, bag_sqlite
+from .bag_metadata import Contents
+from .bag_topics import MisfitError, Outgoing, Outlet, Sent, Settings, to_text
+from .destination import fresh_folder
+from .job import Counter, Job
+
+CUSTOM_KEY = "ml_dash"
+"""In the metadata's `custom_data`: what the way back wants to know."""
+
+
+class _Storage(Protocol):
+    counts: dict[int, int]
+    start_ns: int
+    end_ns: int
+    size: int
+
+    def write(self, sent: Sequence[Sent]) -> None:
+        """Write messages."""
+
+    def finish(self, information: str) -> None:
+        """Write the file's end."""
+
+    def close(self) -> None:
+        """Close the file, finished or not."""
+
+
+def export(
+    job: Job,
+    *,
+    storage: str = "mcap",
+    distro: str = "jazzy",
+    profile: str = "std+lossless",
+    mapping: Mapping[str, Any] | None = None,
+    split_bytes: int | None = None,
+    time_offset: float = 0.0,
+    compression: str = "zstd",
+    package: str = "ml_dash_msgs",
+    frame_id: str = "",
+    tf: bool = False,
+    on_bad: str = "raise",
+) -> Path:
+    """Write a rosbag2 folder.
+
+    Args:
+        job: What, and where to.
+        storage: "mcap" or "sqlite3".
+        distro: The ROS 2 distribution that will read it; "humble" needs metadata that is older than "jazzy"'s.
+        profile: "std+lossless": a message of its own for each topic, and standard messages where they fit; "std" and
+            "lossless": only these; "json": each row as JSON.
+        mapping: Topic to what its standard messages are, see docs/guides/ros.md; None for the conventions.
+        split_bytes: A new file starts when one has grown to this size; None for one file.
+        time_offset: Added to all times, in s; rows come back with their own.
+        compression: Of MCAP chunks: "zstd", "lz4" or "none".
+        package: What the package of our messages is called.
+        frame_id: Of topics whose metadata has none.
+        tf: Whether to send the first pose of each topic on `/tf` too.
+        on_bad: What a row does that a standard message cannot say: "raise", or "lossless" to leave it out of that
+            message with a warning.
+
+    Raises:
+        OptionError: An option has a value that it cannot have.
+        ConversionError: A row cannot be said; the message names it.
+    """
+    version = bag_metadata.check_distro(distro)
+    if storage not in ("mcap", "sqlite3"):
+        raise OptionError(f"storage={storage!r}: it must be 'mcap' or 'sqlite3'")
+    if split_bytes is not None and (
+        isinstance(split_bytes, bool) or not isinstance(split_bytes, int) or split_bytes < 1
+    ):
+        raise OptionError(f"split_bytes={split_bytes!r}: it must be None or more than 0 bytes")
+    room = bag_mcap.Storage.room if storage == "mcap" else bag_sqlite.Storage.room
+    is_split = split_bytes is not None
+    settings = Settings(profile, mapping, time_offset, package, frame_id, tf, on_bad, False, room, is_split)
+    qos = bag_metadata.qos_text(version)
+    begin: Callable[[Path, Sequence[Outlet]], _Storage]
+    if storage == "mcap":
+        begin = functools.partial(bag_mcap.Storage, qos=qos, distro=distro, compression=compression)
+    else:
+        begin = functools.partial(bag_sqlite.Storage, qos=qos, distro=distro, version=version)
+    with fresh_folder(job.dest) as folder:
+        outgoing = Outgoing(job, settings)
+        progress = _Progress(job.counter())
+        while True:
+            bag = _Bag(folder, job.dest.name, storage, distro, version, split_bytes, begin, outgoing)
+            try:
+                bag.fill(progress)
+            except MisfitError:
+                shutil.rmtree(folder)
+                folder.mkdir()
+                outgoing.widen()
+                continue
+            break
+        progress.finish()
+        _write_package(folder / package, outgoing, package)
+    return job.dest
+
+
+class _Progress:
+    """Counts rows once, although a bag may be begun a second time."""
+
+    def __init__(self, counter: Counter) -> None:
+        self._counter = counter
+        self._most = 0
+        self.begin()
+        self.finish = counter.finish
+
+    def begin(self) -> None:
+        """Count from the first row again."""
+        self._done = 0
+
+    def add(self, rows: int) -> None:
+        """So many more rows are done."""
+        self._done += rows
+        if self._done > self._most:
+            self._counter.add(self._done - self._most)
+            self._most = self._done
+
+
+class _Bag:
+    """The files of one bag."""
+
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        storage: str,
+        distro: str,
+        version: int,
+        split_bytes: int | None,
+        begin: Callable[[Path, Sequence[Outlet]], _Storage],
+        outgoing: Outgoing,
+    ) -> None:
+        self._folder = folder
+        self._name = name
+        self._storage = storage
+        self._suffix = bag_mcap.SUFFIX if storage == "mcap" else bag_sqlite.SUFFIX
+        self._distro = distro
+        self._version = version
+        self._split_bytes = split_bytes
+        self._begin = begin
+        self._outgoing = outgoing
+        self._custom = {CUSTOM_KEY: to_text(outgoing.about())}
+        self._files: list[Contents] = []
+
+    def fill(self, progress: _Progress) -> None:
+        """Write all messages, and the metadata."""
+        progress.begin()
+        outlets = self._outgoing.outlets
+        file = self._next()
+        try:
+            for rows, sent in self._outgoing.messages():
+                if not rows:
+                    self._finish(file)
+                    file = self._next()
+                    continue
+                file.write(sent)
+                progress.add(rows)
+                if self._split_bytes is not None and file.size >= self._split_bytes:
+                    self._outgoing.finish_up()
+            self._finish(file)
+        finally:
+            file.close()
+        said = self._information(outlets, self._files)
+        text = bag_metadata.to_yaml({"rosbag2_bagfile_information": said})
+        (self._folder / "metadata.yaml").write_text(text, encoding="utf-8")
+
+    def _next(self) -> _Storage:
+        return self._begin(self._folder / self._file_name(), self._outgoing.outlets)
+
+    def _file_name(self) -> str:
+        return f"{self._name}_{len(self._files)}{self._suffix}"
+
+    def _finish(self, file: _Storage) -> None:
+        contents = Contents(self._file_name(), dict(file.counts), file.start_ns, file.end_ns)
+        file.finish(bag_metadata.to_yaml(self._information(self._outgoing.outlets, [contents])))
+        self._files.append(contents)
+
+    def _information(self, outlets: Sequence[Outlet], files: Sequence[Contents]) -> dict[str, Any]:
+        return bag_metadata.information(self._version, self._storage, self._distro, outlets, files, self._custom)
+
+
+def _write_package(folder: Path, outgoing: Outgoing, name: str) -> None:
+    messages = outgoing.own_messages
+    if not messages:
+        return
+    for path, text in interfaces.files(messages, name).items():
+        place = folder / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(text, encoding="utf-8")

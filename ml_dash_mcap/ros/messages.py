@@ -1,0 +1,343 @@
+"""Fields of many rows to the columns of standard messages."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import ConversionWarning
+from . import rotation, standard, units
+from .columns import Column, Constant, Indices, Ragged, pick, texts
+from .lossless import INTEGER, PRESENT, STATE, Message
+from .standard import Derived
+
+Array = npt.NDArray[Any]
+
+NO_ESTIMATE = (-1.0, *[0.0] * 8)
+"""The covariance of what a sensor does not measure (the comment in sensor_msgs/Imu)."""
+
+_UNKNOWN = (0.0,) * 9
+_DEPTHS: Mapping[str, tuple[str, np.dtype[Any]]] = {
+    "float64": ("32FC1", np.dtype("<f4")),
+    "int64": ("16UC1", np.dtype("<u2")),
+    "uint64": ("16UC1", np.dtype("<u2")),
+}
+_COLORS = {1: "mono8", 3: "rgb8", 4: "rgba8"}
+
+
+class Context(NamedTuple):
+    """What the columns of a message are made with."""
+
+    derived: Derived
+    rows: Indices
+    """Which of the rows have all fields, [N]."""
+    times: npt.NDArray[np.float64]
+    """Time stamps of all rows, in s, for the error messages."""
+    header: Mapping[str, Column]
+    """Of the messages, [N]."""
+
+
+class BadRows(NamedTuple):
+    """Rows whose values a standard message cannot say."""
+
+    which: npt.NDArray[np.bool_]
+    """Of those that have all fields, [N]."""
+    what: str
+    """Of the first one."""
+
+
+Build = Callable[[Context, dict[str, Array]], "dict[str, Column] | BadRows"]
+
+
+def present(message: Message, column: Mapping[str, Column], derived: Derived, count: int) -> Indices:
+    """Return which rows have all fields of a derived message, [N]."""
+    having = np.ones(count, np.bool_)
+    for way in derived.fields.values():
+        inner, at = message, column
+        for one in way:
+            if inner.is_stated:
+                states = at[STATE][:, inner.fields.index(one)]
+                having &= (states == PRESENT) | (states == INTEGER)
+            if one.message is not None:
+                inner, at = one.message, at[one.name]
+    return np.flatnonzero(having)
+
+
+def build(
+    derived: Derived, column: Mapping[str, Column], rows: Indices, times: npt.NDArray[np.float64], header: Any
+) -> dict[str, Column] | BadRows:
+    """Return the columns of standard messages.
+
+    Args:
+        derived: Which messages.
+        column: Of all rows, as `fill` returns it.
+        rows: Which of them to take, [N].
+        times: Time stamps of all rows, in s.
+        header: The messages' header, [N].
+    """
+    values = {role: _values(column, derived, role, rows, len(times)) for role in derived.fields}
+    return _BUILDERS[derived.type](Context(derived, rows, times, header), values)
+
+
+def _values(column: Mapping[str, Column], derived: Derived, role: str, rows: Indices, count: int) -> Any:
+    at: Any = column
+    way = derived.fields[role]
+    for one in way:
+        at = at[one.name]
+    if len(rows) < count:
+        at = pick(at, rows)
+    if isinstance(at, Ragged):
+        return at
+    at = at.reshape(len(rows), *(way[-1].shape or ()))
+    quantity = standard.ROLES[derived.type][role].quantity
+    said = derived.metadata.get("units")
+    found = units.scale(quantity, said.get(derived.key(role)) if isinstance(said, Mapping) else None)
+    assert found is not None  # `check` saw to it
+    if quantity is None or (found.factor == 1 and not found.offset):
+        return at
+    scaled = at * found.factor + found.offset
+    if role == "pose":  # only its lengths
+        scaled = np.array(at, np.float64)
+        places = (..., slice(0, 3), 3) if at.ndim == 3 else (..., [3, 7, 11] if at.shape[-1] == 16 else slice(0, 3))
+        scaled[places] *= found.factor
+    return scaled
+
+
+def check(derived: Derived) -> str | None:
+    """Return why a message cannot be derived, whatever the rows say; None if it can."""
+    said = derived.metadata.get("units")
+    for role, one in standard.ROLES[derived.type].items():
+        if role not in derived.fields or not isinstance(said, Mapping):
+            continue
+        unit = said.get(derived.key(role))
+        if units.scale(one.quantity, unit) is None:
+            known = ", ".join(units.UNITS[str(one.quantity)])
+            return f"field {derived.key(role)!r} is in {unit!r}; as {one.quantity} these are known: {known}"
+    order = derived.metadata.get("quat_order", "xyzw")
+    if order not in ("xyzw", "wxyz"):
+        return f"its quat_order is {order!r}; it must be 'xyzw' or 'wxyz'"
+    if derived.type == standard.JOINT_STATE:
+        return _check_joints(derived)
+    return None
+
+
+def _check_joints(derived: Derived) -> str | None:
+    listed = derived.metadata.get("joint_names")
+    size = _joints(derived)
+    if listed is None or derived.topic.endswith("/gripper"):
+        return None
+    if not isinstance(listed, (list, tuple)) or not all(isinstance(name, str) for name in listed):
+        return f"its joint_names are {listed!r}; they must be a list of names"
+    if len(listed) != size:
+        return f"its joint_names are {len(listed)}, and {derived.key(next(iter(derived.fields)))!r} has {size} values"
+    return None
+
+
+def _joints(derived: Derived) -> int:
+    shape = next(iter(derived.fields.values()))[-1].shape
+    return shape[0] if shape else 1
+
+
+def _joint_state(context: Context, values: dict[str, Array]) -> dict[str, Column]:
+    count = len(context.rows)
+    joints = _joints(context.derived)
+    listed = context.derived.metadata.get("joint_names")
+    if context.derived.topic.endswith("/gripper") and joints == 1:
+        listed = ["gripper"]
+    found = {
+        role: values[role].reshape(count, joints).astype(np.float64, copy=False) if role in values else Constant([])
+        for role in ("position", "velocity", "effort")
+    }
+    called = list(listed) if listed is not None else [f"joint{number}" for number in range(1, joints + 1)]
+    return {"header": context.header, "name": Constant(called), **found}
+
+
+def _pose(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
+    found = _position_and_orientation(context, values)
+    if isinstance(found, BadRows):
+        return found
+    position, quaternions = found
+    return {"header": context.header, "pose": {"position": _xyz(position), "orientation": _xyzw(quaternions)}}
+
+
+def _transform(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
+    found = _position_and_orientation(context, values)
+    if isinstance(found, BadRows):
+        return found
+    position, quaternions = found
+    child = str(context.derived.metadata.get("child_frame_id", "")).strip("/")
+    transform = {
+        "header": context.header,
+        "child_frame_id": Constant(child),
+        "transform": {"translation": _xyz(position), "rotation": _xyzw(quaternions)},
+    }
+    count = len(context.rows)
+    return {"transforms": Ragged(transform, np.arange(count), np.ones(count, np.int64))}
+
+
+def _position_and_orientation(context: Context, values: dict[str, Array]) -> tuple[Array, Array] | BadRows:
+    if "pose" not in values:
+        quaternions = _oriented(context, values["orientation"], "orientation")
+        return quaternions if isinstance(quaternions, BadRows) else (values["position"], quaternions)
+    pose = values["pose"]
+    if pose.ndim == 2 and pose.shape[1] == 7:
+        quaternions = _oriented(context, pose[:, 3:], "pose")
+        return quaternions if isinstance(quaternions, BadRows) else (pose[:, :3], quaternions)
+    matrices = pose.reshape(len(pose), 4, 4)
+    bad = rotation.not_rotations(matrices[:, :3, :3])
+    bad |= (np.abs(matrices[:, 3] - (0, 0, 0, 1)) > rotation.ORTHONORMAL_TOLERANCE).any(axis=1)
+    if bad.any():
+        where = " (row by row, the position in its last column)"
+        return BadRows(bad, f"field {context.derived.key('pose')!r} is no pose as a 4x4 matrix{where}")
+    return matrices[:, :3, 3], rotation.of_matrices(matrices[:, :3, :3])
+
+
+def _oriented(context: Context, given: Array, role: str) -> Array | BadRows:
+    """Return unit quaternions x y z w."""
+    said = context.derived.metadata.get("quat_order")
+    bad = rotation.not_unit(given)
+    key = context.derived.key(role)
+    if bad.any():
+        return BadRows(bad, f"field {key!r} is no unit quaternion: {given[int(np.argmax(bad))].tolist()}")
+    if said is None and len(given) and abs(abs(given[0, 0]) - 1) < 1e-6:
+        warnings.warn(
+            f"{context.derived.topic}: field {key!r} starts with {given[0].tolist()}, which looks like w x y z, and is"
+            " taken for x y z w; say quat_order='xyzw' or 'wxyz' with the topic",
+            ConversionWarning,
+            stacklevel=2,
+        )
+    return rotation.to_xyzw(given, said or "xyzw")
+
+
+def _twist(context: Context, values: dict[str, Array]) -> dict[str, Column]:
+    linear, angular = _halves(values, "twist", "linear", "angular")
+    return {"header": context.header, "twist": {"linear": _xyz(linear), "angular": _xyz(angular)}}
+
+
+def _wrench(context: Context, values: dict[str, Array]) -> dict[str, Column]:
+    force, torque = _halves(values, "wrench", "force", "torque")
+    return {"header": context.header, "wrench": {"force": _xyz(force), "torque": _xyz(torque)}}
+
+
+def _halves(values: dict[str, Array], both: str, first: str, second: str) -> tuple[Array, Array]:
+    if both in values:
+        return values[both][:, :3], values[both][:, 3:]
+    return values[first], values[second]
+
+
+def _imu(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
+    zero: Any = Constant({"x": 0.0, "y": 0.0, "z": 0.0})
+    found: dict[str, Column] = {
+        "header": context.header,
+        "orientation": Constant({"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}),
+    }
+    found["orientation_covariance"] = Constant(NO_ESTIMATE)
+    if "orientation" in values:
+        quaternions = _oriented(context, values["orientation"], "orientation")
+        if isinstance(quaternions, BadRows):
+            return quaternions
+        found["orientation"], found["orientation_covariance"] = _xyzw(quaternions), Constant(_UNKNOWN)
+    for role in ("angular_velocity", "linear_acceleration"):
+        found[role] = _xyz(values[role]) if role in values else zero
+        found[f"{role}_covariance"] = Constant(_UNKNOWN if role in values else NO_ESTIMATE)
+    return found
+
+
+def _magnetic(context: Context, values: dict[str, Array]) -> dict[str, Column]:
+    field = _xyz(values["magnetic_field"])
+    return {"header": context.header, "magnetic_field": field, "magnetic_field_covariance": Constant(_UNKNOWN)}
+
+
+def _temperature(context: Context, values: dict[str, Array]) -> dict[str, Column]:
+    return {"header": context.header, "temperature": values["temperature"], "variance": Constant(0.0)}
+
+
+def _camera_info(context: Context, values: dict[str, Array]) -> dict[str, Column]:
+    count = len(context.rows)
+    k = values["k"].reshape(count, 9).astype(np.float64)
+    p = np.zeros((count, 3, 4))
+    p[:, :, :3] = k.reshape(count, 3, 3)
+    distortion = values["d"].astype(np.float64) if "d" in values else Constant([])
+    model = "plumb_bob" if "d" in values and values["d"].shape[1] == 5 else ""
+    region = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
+    return {
+        "header": context.header,
+        "height": values["height"].astype(np.uint32) if "height" in values else Constant(0),
+        "width": values["width"].astype(np.uint32) if "width" in values else Constant(0),
+        "distortion_model": Constant(model),
+        **dict.fromkeys(("d", "D"), distortion),
+        **dict.fromkeys(("k", "K"), k),
+        **{name: Constant([1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]) for name in ("r", "R")},
+        **{name: p.reshape(count, 12) for name in ("p", "P")},
+        "binning_x": Constant(0),
+        "binning_y": Constant(0),
+        "roi": Constant(region),
+    }
+
+
+def _image(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
+    data = values["data"]
+    one = context.derived.fields["data"][-1]
+    count, height, width = data.shape[:3]
+    if data.ndim == 4:
+        encoding, high = _COLORS[data.shape[3]], 255
+        dtype: np.dtype[Any] = np.dtype("u1")
+    else:
+        (encoding, dtype), high = _DEPTHS[one.kind], 65535
+    if dtype.kind == "u":
+        bad = ((data < 0) | (data > high) | (data != np.floor(data))).reshape(count, -1).any(axis=1)
+        if bad.any():
+            return BadRows(bad, f"field {one.key!r} has pixels outside 0 to {high}, which {encoding} cannot say")
+    pixels = np.ascontiguousarray(data, dtype).reshape(count, -1).view(np.uint8)
+    return {
+        "header": context.header,
+        "height": Constant(height),
+        "width": Constant(width),
+        "encoding": Constant(encoding),
+        "is_bigendian": Constant(0),
+        "step": Constant(pixels.shape[1] // max(height, 1)),
+        "data": pixels,
+    }
+
+
+def _compressed(context: Context, values: dict[str, Any]) -> dict[str, Column] | BadRows:
+    data: Ragged = values["data"]
+    spans = zip(data.starts.tolist(), data.lengths.tolist(), strict=True)
+    formats = [_format(data.items[start : start + min(length, 8)].tobytes()) for start, length in spans]
+    bad = np.array([not one for one in formats])
+    if bad.any():
+        return BadRows(bad, f"field {context.derived.key('data')!r} is neither a JPEG nor a PNG")
+    return {"header": context.header, "format": texts(formats), "data": data}
+
+
+def _format(head: bytes) -> str:
+    if head.startswith(b"\x89PNG"):
+        return "png"
+    return "jpeg" if head.startswith(b"\xff\xd8") else ""
+
+
+def _xyz(vectors: Array) -> dict[str, Array]:
+    return {name: vectors[:, place] for place, name in enumerate("xyz")}
+
+
+def _xyzw(quaternions: Array) -> dict[str, Array]:
+    return {name: quaternions[:, place] for place, name in enumerate("xyzw")}
+
+
+_BUILDERS: Mapping[str, Build] = {
+    standard.JOINT_STATE: _joint_state,
+    standard.POSE: _pose,
+    standard.TF: _transform,
+    standard.TWIST: _twist,
+    standard.WRENCH: _wrench,
+    standard.IMU: _imu,
+    standard.MAGNETIC: _magnetic,
+    standard.TEMPERATURE: _temperature,
+    standard.CAMERA_INFO: _camera_info,
+    standard.IMAGE: _image,
+    standard.COMPRESSED: _compressed,
+}
