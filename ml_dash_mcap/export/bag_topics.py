@@ -295,6 +295,7 @@ class Outgoing:
         self, plan: Plan, derived: Derived, column: Any, rows: Indices, times: Any, header: Any, before: int
     ) -> tuple[Indices, dict[str, Any]]:
         """Return the columns of a standard message and the rows that they are of."""
+        header = {**header, "frame_id": Constant(str(derived.metadata.get("frame_id", "")))}
         while len(rows):
             found = messages.build(derived, column, rows, times, pick(header, rows))
             if not isinstance(found, messages.BadRows):

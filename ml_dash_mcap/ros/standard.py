@@ -206,8 +206,8 @@ def _matching(
 ) -> dict[str, tuple[Field, ...]] | None:
     roles: dict[str, tuple[Field, ...]] = {}
     for role, known in convention.names.items():
-        one = _named(known, fields)
-        if one is not None and _fits(one, ROLES[convention.type][role]):
+        one = _named(known, {key: one for key, one in fields.items() if _fits(one, ROLES[convention.type][role])})
+        if one is not None:
             roles[role] = (*path, one)
     if not any(set(group) <= set(roles) for group in _ENOUGH[convention.type]):
         return None

@@ -1,0 +1,266 @@
+"""Fields become standard messages where name, shape and type fit, and metadata comes before any convention."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ml_dash_mcap.errors import ConversionError, ConversionWarning
+from ml_dash_mcap.ros import rotation, units
+from tests.support.bags import ROBOT, Found, export, record, with_rosbags
+
+Row = dict[str, Any]
+
+
+def messages(
+    tmp_path: Path, rows: list[Row], metadata: dict[str, Any] | None = None, **options: Any
+) -> dict[str, list[Found]]:
+    """Return the standard messages of a bag, by topic."""
+    record(tmp_path / "run", {"t": rows}, {"t": metadata or {}})
+    found: dict[str, list[Found]] = {}
+    for one in with_rosbags(export(tmp_path / "run", tmp_path / "bag", profile="std", **options)):
+        found.setdefault(one.topic, []).append(one)
+    return found
+
+
+def only(
+    tmp_path: Path, rows: list[Row], metadata: dict[str, Any] | None = None, **options: Any
+) -> tuple[str, str, Any]:
+    """Return topic, type and first message of the one standard topic that there is."""
+    found = messages(tmp_path, rows, metadata, **options)
+    assert len(found) == 1
+    ((topic, said),) = found.items()
+    return topic, said[0].type, said[0].message
+
+
+def numbers(value: Any) -> list[float]:
+    return [getattr(value, name) for name in "xyzw" if hasattr(value, name)]
+
+
+QUATERNION = [0.0, 0.0, 0.6, 0.8]
+TURNED = [[0.0, -1.0, 0.0, 1.0], [1.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]]
+HALF = math.sqrt(0.5)
+
+
+def test_joint_states_take_names_and_units_from_the_metadata(tmp_path: Path) -> None:
+    said = {"joint_names": ["a", "b"], "units": {"q": "deg", "tau": "mNm"}, "frame_id": "base"}
+    topic, type_, message = only(tmp_path, [{"q": [180.0, 90.0], "tau": [1.0, 2.0]}], said)
+    assert (topic, type_) == ("/t/joint_states", "sensor_msgs/msg/JointState")
+    assert message.name == ["a", "b"]
+    assert message.position.tolist() == [math.pi, math.pi / 2]
+    assert message.velocity.tolist() == []
+    assert message.effort.tolist() == [0.001, 0.002]
+    assert message.header.frame_id == "base"
+
+
+def test_fields_of_different_lengths_are_no_joint_states(tmp_path: Path) -> None:
+    with pytest.warns(ConversionWarning, match="no standard message"):
+        assert messages(tmp_path, [{"q": [0.5, 0.5], "qd": [0.5]}]) == {}
+
+
+def test_joint_names_of_another_number_are_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ConversionError, match="joint_names are 1, and 'q' has 2 values"):
+        messages(tmp_path, [{"q": [0.5, 0.5]}], {"joint_names": ["a"]})
+
+
+def test_a_command_and_a_gripper_are_joint_states_of_their_own(tmp_path: Path) -> None:
+    found = messages(tmp_path, [{"target_q": [1, 2], "gripper": 0.04}])
+    assert found["/t/joint_command"][0].message.position.tolist() == [1.0, 2.0]
+    gripper = found["/t/gripper"][0].message
+    assert (gripper.name, gripper.position.tolist()) == (["gripper"], [0.04])
+
+
+@pytest.mark.parametrize(
+    ("row", "topic"),
+    [
+        ({"ee_pos": [1.0, 2.0, 3.0], "ee_quat": QUATERNION}, "/t/ee_pose"),
+        ({"pos": [1.0, 2.0, 3.0], "quat": QUATERNION}, "/t/pose"),
+        ({"position": [1.0, 2.0, 3.0], "orientation": QUATERNION}, "/t/pose"),
+        ({"ee_pose": [1.0, 2.0, 3.0, *QUATERNION]}, "/t/ee_pose"),
+    ],
+)
+def test_a_position_and_a_quaternion_are_a_pose(tmp_path: Path, row: Row, topic: str) -> None:
+    found, type_, message = only(tmp_path, [row], {"quat_order": "xyzw"})
+    assert (found, type_) == (topic, "geometry_msgs/msg/PoseStamped")
+    assert numbers(message.pose.position) == [1.0, 2.0, 3.0]
+    assert numbers(message.pose.orientation) == QUATERNION
+
+
+@pytest.mark.parametrize("matrix", [TURNED, [number for row in TURNED for number in row]])
+@pytest.mark.parametrize("name", ["T_base_ee", "pose"])
+def test_a_matrix_is_a_pose(tmp_path: Path, matrix: list[Any], name: str) -> None:
+    topic, _, message = only(tmp_path, [{name: matrix}], {"units": {name: "mm"}})
+    assert topic == "/t/pose"
+    assert numbers(message.pose.position) == pytest.approx([0.001, 0.002, 0.003])
+    assert numbers(message.pose.orientation) == pytest.approx([0.0, 0.0, HALF, HALF])
+
+
+def test_a_matrix_that_is_no_pose_is_named_with_its_row(tmp_path: Path) -> None:
+    with pytest.raises(ConversionError, match=r"'t', row 1 .*'pose' is no pose"):
+        messages(tmp_path, [{"pose": TURNED}, {"pose": [[2.0 * number for number in row] for row in TURNED]}])
+
+
+def test_quaternions_are_turned_round_where_the_metadata_says_so(tmp_path: Path) -> None:
+    row = {"ee_pos": [1.0, 2.0, 3.0], "ee_quat": [0.8, 0.0, 0.0, 0.6]}
+    assert numbers(only(tmp_path, [row], {"quat_order": "wxyz"})[2].pose.orientation) == [0.0, 0.0, 0.6, 0.8]
+
+
+def test_a_quaternion_order_that_there_is_not_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ConversionError, match="quat_order is 'wzyx'"):
+        messages(tmp_path, [{"ee_pos": [1.0, 2.0, 3.0], "ee_quat": QUATERNION}], {"quat_order": "wzyx"})
+
+
+def test_a_quaternion_that_looks_like_the_other_order_is_warned_about(tmp_path: Path) -> None:
+    with pytest.warns(ConversionWarning, match="looks like w x y z"):
+        messages(tmp_path, [{"pos": [1.0, 2.0, 3.0], "quat": [1.0, 0.0, 0.0, 0.0]}])
+
+
+def test_poses_are_transforms_where_asked(tmp_path: Path) -> None:
+    row = {"ee_pos": [1.0, 2.0, 3.0], "ee_quat": QUATERNION}
+    found = messages(tmp_path, [row], {"frame_id": "base"}, tf=True)
+    (transform,) = found["/tf"][0].message.transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("base", "t/ee_pose")
+    assert numbers(transform.transform.translation) == [1.0, 2.0, 3.0]
+    assert numbers(transform.transform.rotation) == QUATERNION
+
+
+def test_velocities_and_forces(tmp_path: Path) -> None:
+    found = messages(tmp_path, [{"ee_vel": [1, 2, 3, 4, 5, 6], "force": [1.0, 2.0, 3.0], "torque": [4.0, 5.0, 6.0]}])
+    twist = found["/t/twist"][0].message.twist
+    assert (numbers(twist.linear), numbers(twist.angular)) == ([1, 2, 3], [4, 5, 6])
+    wrench = found["/t/wrench"][0].message.wrench
+    assert (numbers(wrench.force), numbers(wrench.torque)) == ([1, 2, 3], [4, 5, 6])
+
+
+def test_an_imu_says_what_it_does_not_measure(tmp_path: Path) -> None:
+    _, type_, message = only(tmp_path, [{"accel": [0.0, 0.0, 1.0]}], {"units": {"accel": "g"}})
+    assert type_ == "sensor_msgs/msg/Imu"
+    assert numbers(message.linear_acceleration) == [0.0, 0.0, 9.80665]
+    assert message.linear_acceleration_covariance.tolist() == [0.0] * 9
+    assert (message.orientation_covariance[0], message.angular_velocity_covariance[0]) == (-1, -1)
+
+
+def test_a_magnetic_field_is_in_tesla_and_a_temperature_in_degrees(tmp_path: Path) -> None:
+    found = messages(tmp_path, [{"mag": [10.0, 20.0, 30.0], "temp": 300.0}], {"units": {"temp": "K"}})
+    assert numbers(found["/t/mag"][0].message.magnetic_field) == pytest.approx([1e-5, 2e-5, 3e-5])
+    assert found["/t/temp"][0].message.temperature == pytest.approx(26.85)
+
+
+def test_a_unit_that_does_not_fit_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConversionError, match="'temp' is in 'rad'; as temperature these are known: degC"):
+        messages(tmp_path, [{"temp": 300.0}], {"units": {"temp": "rad"}})
+
+
+def test_a_camera(tmp_path: Path) -> None:
+    k = [[500.0, 0.0, 320.0], [0.0, 501.0, 240.0], [0.0, 0.0, 1.0]]
+    _, type_, message = only(tmp_path, [{"K": k, "dist": [0.1] * 5, "width": 640, "height": 480}])
+    assert type_ == "sensor_msgs/msg/CameraInfo"
+    assert (message.width, message.height, message.distortion_model) == (640, 480, "plumb_bob")
+    assert message.k.tolist() == [number for row in k for number in row]
+    assert message.p.tolist() == [500.0, 0.0, 320.0, 0.0, 0.0, 501.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+
+
+def test_images(tmp_path: Path) -> None:
+    pixels = np.arange(24).reshape(2, 4, 3).tolist()
+    found = messages(tmp_path, [{"rgb": pixels, "depth": [[1000, 2000], [3000, 65535]], "jpeg": b"\xff\xd8\xff"}])
+    image = found["/t/image"][0].message
+    assert (image.encoding, image.height, image.width, image.step) == ("rgb8", 2, 4, 12)
+    assert image.data.tolist() == list(range(24))
+    depth = found["/t/depth"][0].message
+    assert (depth.encoding, depth.step, depth.data.view(np.uint16).tolist()) == ("16UC1", 4, [1000, 2000, 3000, 65535])
+    compressed = found["/t/image/compressed"][0].message
+    assert (compressed.format, bytes(compressed.data)) == ("jpeg", b"\xff\xd8\xff")
+
+
+def test_pixels_that_do_not_fit_are_named_with_their_row(tmp_path: Path) -> None:
+    with pytest.raises(ConversionError, match=r"row 1 .*outside 0 to 255"):
+        messages(tmp_path, [{"rgb": [[[1, 2, 3]]]}, {"rgb": [[[1, 2, 256]]]}])
+
+
+def test_fields_in_nested_dicts_have_topics_below(tmp_path: Path) -> None:
+    topic, type_, _ = only(tmp_path, [{"left": {"sensor": {"gyro": [1.0, 2.0, 3.0]}}}])
+    assert (topic, type_) == ("/t/left/sensor/imu", "sensor_msgs/msg/Imu")
+
+
+def test_rows_without_a_field_have_no_message_of_it(tmp_path: Path) -> None:
+    found = messages(tmp_path, [{"q": [0.5], "temp": 1.0}, {"q": [0.5]}, {"q": None, "temp": 2.0}])
+    assert [one.time_ns for one in found["/t/joint_states"]] == [0, 10_000_000]
+    assert [one.message.temperature for one in found["/t/temp"]] == [1.0, 2.0]
+
+
+# -- what the caller says ---------------------------------------------------------------------------------------------
+
+
+def test_a_mapping_comes_before_conventions(tmp_path: Path) -> None:
+    mapping = {
+        "t": {
+            "/arm/state": {"type": "sensor_msgs/JointState", "position": "obs.angles", "joint_names": ["a", "b"]},
+            "pose": {"type": "geometry_msgs/msg/PoseStamped", "pose": "matrix", "frame_id": "world"},
+            "gripper": None,
+        }
+    }
+    row = {"obs": {"angles": [1.0, 2.0]}, "matrix": TURNED, "gripper": 0.5}
+    found = messages(tmp_path, [row], mapping=mapping)
+    assert sorted(found) == ["/arm/state", "/t/pose"]
+    assert found["/arm/state"][0].message.name == ["a", "b"]
+    assert found["/t/pose"][0].message.header.frame_id == "world"
+
+
+@pytest.mark.parametrize(
+    ("said", "match"),
+    [
+        (
+            {"pose": {"type": "geometry_msgs/PoseStamped", "pose": "q"}},
+            r"'q' is float64\[7\], which does not fit 'pose'|needs",
+        ),
+        ({"x": {"type": "geometry_msgs/Pose", "pose": "q"}}, "'geometry_msgs/Pose' is none of"),
+        ({"x": {"type": "sensor_msgs/JointState", "position": "qq"}}, "no field 'qq'; there are q"),
+        ({"x": {"type": "sensor_msgs/JointState", "where": "q"}}, "has no 'where'; it has position"),
+        ({"x": {"type": "geometry_msgs/PoseStamped", "position": "ee_pos"}}, r"needs position\+orientation or pose"),
+        ({"x": {"position": "q"}}, "`type`"),
+        ({"/a//b": {"type": "sensor_msgs/JointState", "position": "q"}}, "no ROS topic"),
+    ],
+)
+def test_a_mapping_that_does_not_fit_is_named(tmp_path: Path, said: dict[str, Any], match: str) -> None:
+    row = {**ROBOT, "q": [0.5] * 5} if "pose" in said else ROBOT
+    with pytest.raises(
+        ConversionError, match=match if "pose" not in said else r"float64\[5\], which does not fit 'pose'"
+    ):
+        messages(tmp_path, [row], mapping={"t": said})
+
+
+def test_an_array_whose_length_changes_is_named_where_it_was_asked_for(tmp_path: Path) -> None:
+    mapping = {"t": {"x": {"type": "sensor_msgs/JointState", "position": "q"}}}
+    with pytest.raises(ConversionError, match=r"topic 't'.*'q' is lists of float64 whose length changes"):
+        messages(tmp_path, [{"q": [0.5, 0.5]}, {"q": [0.5]}], mapping=mapping)
+
+
+# -- the sums ---------------------------------------------------------------------------------------------------------
+
+
+@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: sum(x * x for x in q) > 0.01))
+def test_a_rotation_comes_back_from_its_matrix(given_quaternion: list[float]) -> None:
+    q = np.array([given_quaternion]) / np.linalg.norm(given_quaternion)
+    x, y, z, w = q[0]
+    matrix = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    assert not rotation.not_rotations(matrix[None]).any()
+    back = rotation.of_matrices(matrix[None])
+    assert back[0, 3] >= 0
+    assert abs(float((back @ q.T)[0, 0])) == pytest.approx(1, abs=1e-12)
+
+
+def test_every_usual_unit_is_a_known_one() -> None:
+    assert all(units.scale(quantity, None) is not None for quantity in units.UNITS)
+    assert units.scale("angle", "parsec") is None
