@@ -6,6 +6,7 @@ import errno
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fnmatch import fnmatch
 from pathlib import Path
 
 from .errors import MissingRecordingError, RecorderError
@@ -68,18 +69,22 @@ def recordings(root: str | Path) -> Iterator[CatalogEntry]:
 def is_recording(path: str | Path) -> bool:
     """Whether a path is a file, or a folder with MCAP files in it."""
     path = Path(path)
-    return path.is_file() or (path.is_dir() and _has_segments(os.listdir(path)))
+    return path.is_file() or (path.is_dir() and _is_one(os.listdir(path)))
 
 
 def _folders(root: Path) -> Iterator[Path]:
     for folder, names, files in os.walk(root):
         names[:] = sorted(name for name in names if not name.startswith("."))
-        if _has_segments(files):
+        if _is_one(files):
             yield Path(folder)
 
 
-def _has_segments(names: list[str]) -> bool:
-    return any(name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX) and name[0] != "." for name in names)
+def _is_one(names: list[str]) -> bool:
+    """Whether files with these names make a recording: MCAP files, or what a recorder keeps before it writes one."""
+    return any(
+        (name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX) and name[0] != ".") or fnmatch(name, SESSION_GLOB)
+        for name in names
+    )
 
 
 def _look_at(folder: Path) -> CatalogEntry:
@@ -98,13 +103,20 @@ def _look_at(folder: Path) -> CatalogEntry:
                 problem,
             )
     except (RecorderError, OSError) as error:
+        if isinstance(error, MissingRecordingError) and _is_recorded(folder):  # before its first rows
+            return CatalogEntry(folder, "recording")
         return CatalogEntry(folder, "damaged", problem=str(error))
 
 
 def _status(folder: Path, recording: Recording) -> str:
-    if any(SessionLock.is_held(path) for path in folder.glob(SESSION_GLOB)):
+    if _is_recorded(folder):
         return "recording"
     said = recording.run.get("status")
     if said is not None:
         return said if said in _ENDED else "died"
     return "finished" if recording.finished else "unfinished"
+
+
+def _is_recorded(folder: Path) -> bool:
+    """Whether a recorder lives that records there."""
+    return any(SessionLock.is_held(path) for path in folder.glob(SESSION_GLOB))

@@ -36,16 +36,17 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write them; returns the exit code."""
-    with reading.opened(arguments) as recording, progress.shown(f"export {arguments.format}") as report:
-        dest = recording.export(
-            arguments.dest,
-            format=arguments.format,
-            topics=arguments.topics,
-            start=arguments.start,
-            end=arguments.end,
-            progress=report,
-            **dict(arguments.option),
-        )
+    with reading.opened(arguments) as recording:
+        with progress.shown(f"export {arguments.format}") as report:
+            dest = recording.export(
+                arguments.dest,
+                format=arguments.format,
+                topics=arguments.topics,
+                start=arguments.start,
+                end=arguments.end,
+                progress=report,
+                **dict(arguments.option),
+            )
         if arguments.json:
             output.print_json({"dest": str(dest), "format": arguments.format})
         else:
