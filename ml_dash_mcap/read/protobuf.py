@@ -84,7 +84,7 @@ class _Rows:
         if inner is not None and inner.GetOptions().map_entry:
             return _map(inner.fields_by_name["key"], self._of_value(inner.fields_by_name["value"]))
         of_value = self._of_value(field)
-        if not field.is_repeated:
+        if not _is_repeated(field):
             return of_value
         return _AS_LIST if of_value is None else lambda values: [of_value(value) for value in values]
 
@@ -95,6 +95,12 @@ class _Rows:
             names = {value.number: value.name for value in reversed(field.enum_type.values)}
             return lambda number: names.get(number, number)
         return None
+
+
+def _is_repeated(field: FieldDescriptor) -> bool:
+    if hasattr(field, "is_repeated"):
+        return bool(field.is_repeated)
+    return bool(field.label == FieldDescriptor.LABEL_REPEATED)  # protobuf before 6.31
 
 
 def _map(key: FieldDescriptor, of_value: Convert | None) -> Convert:
