@@ -56,7 +56,7 @@ class Measure:
     once: bool = False  # whether one round of it is enough
 
 
-PEERS = ("mcap", "mcap-orjson", "mcap-own", "rosbags", "ml-dash", "dreamlake", "rerun")
+PEERS = ("mcap", "mcap-orjson", "mcap-ours", "rosbags", "ml-dash", "dreamlake", "rerun")
 BULK = {
     "seconds": "seconds",
     "opening_s": "of them opening",
@@ -199,11 +199,11 @@ contenders in turn, each time in a process of its own that has read a small reco
 and end when the rows are there; the speed of this library is a ratio of medians, above 1 where it is the faster one.
 What was read is compared with what was recorded.
 
-What limits the comparison: the files are in the page cache. mcap reads our file, and in one line a file that its own
-writer made. Where a package knows rows only, `pyarrow.Table.from_pylist` makes a table of them. rosbags reads CDR with
-arrays of fixed size instead of JSON, and times in nanoseconds. ml-dash and dreamlake have a file for each topic and
-were given no other topic than the one that is read, which spares them nine tenths of the data. rerun was given whole
-columns to store, topic by topic; its format is columnar, and memory that it maps is not counted as read."""
+What limits the comparison: the files are in the page cache. mcap reads the same payloads in a file of its own writer's,
+and in one line our file. Where a package knows rows only, `pyarrow.Table.from_pylist` makes a table of them. rosbags
+reads CDR with arrays of fixed size instead of JSON, and times in nanoseconds. ml-dash and dreamlake have a file for
+each topic and were given no other topic than the one that is read, which spares them nine tenths of the data. rerun was
+given whole columns to store, topic by topic; its format is columnar, and memory that it maps is not counted as read."""
     aims = report.table(["", "measured", "aim", ""], [report.judge(aim, results) for aim in AIMS])
     tables = [
         measure_table(name, results, sizes) for name in MEASURES if any(name == measure for measure, _ in results)

@@ -217,9 +217,9 @@ class Contender:
 CONTENDERS = {
     "ours": Contender("ml-dash-mcap", "ours", Ours),
     "ours-arrow": Contender("ml-dash-mcap, by way of Arrow", "ours", OursAsArrow),
-    "mcap": Contender("mcap, json", "ours", Mcap),
-    "mcap-orjson": Contender("mcap, orjson", "ours", McapOrjson),
-    "mcap-own": Contender("mcap, orjson, a file of its own writer", "mcap", McapOrjson),
+    "mcap": Contender("mcap, json", "mcap", Mcap),
+    "mcap-orjson": Contender("mcap, orjson", "mcap", McapOrjson),
+    "mcap-ours": Contender("mcap, json, on our file", "ours", Mcap),
     "rosbags": Contender("rosbags", "rosbag2", Rosbags),
     "ml-dash": Contender("ml-dash", "ml-dash", MlDash),
     "dreamlake": Contender("dreamlake", "dreamlake", Dreamlake),
