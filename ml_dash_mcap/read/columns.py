@@ -16,7 +16,7 @@ from .. import clock
 from ..layout import KIND_KEY, TRACK
 from ..rows.columns import FIELD_PREFIX, flatten, project
 from ..rows.encode import EXACT_KEY, TIME_KEY
-from ..rows.lines import LineReader
+from ..rows.lines import LineReader, are_shallow
 from ..rows.table import Block, Column, block_of, join
 from . import ahead, messages, ordering, rows
 from .decode import Decoder, Row
@@ -25,8 +25,9 @@ from .messages import Cut, Origin
 
 _EXACT = f'"{EXACT_KEY}"'.encode()
 
-_PARSED_BYTES = 1024 * 1024
-"""Payloads of several chunks are parsed together up to about this size: each call of pyarrow has its price."""
+_FIRST_BYTES, _MOST_BYTES = 128 * 1024, 1024 * 1024
+"""Payloads of several chunks are parsed together, because each call of pyarrow has its price: about as many bytes as the
+first at first, so that a window keeps all cores at work, then more and more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,13 +96,13 @@ def _copied(cut: Cut) -> _Piece:
 def _together(groups: Iterable[list[_Piece]]) -> Iterator[list[_Piece]]:
     """Join groups of pieces, each later than the one before, into some that are worth parsing."""
     waiting: list[_Piece] = []
-    size = 0
+    size, enough = 0, _FIRST_BYTES
     for group in groups:
         waiting += group
         size += sum(sum(map(len, piece.payloads)) for piece in group)
-        if size >= _PARSED_BYTES:
+        if size >= enough:
             yield waiting
-            waiting, size = [], 0
+            waiting, size, enough = [], 0, min(2 * enough, _MOST_BYTES)
     if waiting:
         yield waiting
 
@@ -129,6 +130,8 @@ class _Reading:
         if pieces[0].origin.channel.message_encoding != "json":
             return [self._decoded(pieces)]
         payloads = [payload for piece in pieces for payload in piece.payloads]
+        if not are_shallow(payloads):
+            return [self._decoded(pieces)]
         lines = b"\n".join(payloads)
         reader = self._readers.get(key)
         if reader is None:

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.json as pj
 
+from . import depth
 from .columns import FIELD_PREFIX
 from .encode import EXACT_KEY, TIME_KEY
 from .table import tight
@@ -24,6 +25,17 @@ _MOST_BYTES = 2**31 - 2
 
 _SIDE_KEY = pa.field(EXACT_KEY, pa.struct([]))
 """Tells the rows that have it from those that do not, without reading what is in it."""
+
+
+_MOST_DEPTH = 100
+_SURELY_SHALLOW_BYTES = 1000
+
+
+def are_shallow(payloads: Sequence[bytes]) -> bool:
+    """Whether pyarrow can read some JSON: it looks at no limit, and crashes where the stack ends."""
+    if max(map(len, payloads), default=0) < _SURELY_SHALLOW_BYTES:
+        return True
+    return all(len(one) < _SURELY_SHALLOW_BYTES or depth.is_within(one, _MOST_DEPTH) for one in payloads)
 
 
 class LineReader:
@@ -53,9 +65,9 @@ class LineReader:
             lines: One JSON object a line.
             count: How many.
         """
-        if not 0 < len(lines) < _MOST_BYTES:
+        if not 0 < len(lines) < _MOST_BYTES or not _is_utf8(lines):
             return None
-        table = self._projected(lines)
+        table = self._projected(lines, count)
         flat = None if table is None else _flatten(table, count)
         if flat is None:
             table = self._inferred(lines)
@@ -64,7 +76,7 @@ class LineReader:
             flat = _flatten(table, count)
         return flat
 
-    def _projected(self, lines: bytes) -> pa.Table | None:
+    def _projected(self, lines: bytes, count: int) -> pa.Table | None:
         """Read the wanted keys only, if their types are known and can be relied upon."""
         if self._wanted is None:
             return None
@@ -75,6 +87,9 @@ class LineReader:
                 if type_ is None or _has(type_, _is_unsure):
                     return None
                 fields.append(pa.field(name, type_))
+        slim = _only(fields[1:], lines, count)
+        if slim is not None:
+            return _read(slim, pa.schema(fields[1:]), "error")
         return _read(lines, pa.schema(fields), "ignore")
 
     def _inferred(self, lines: bytes) -> pa.Table | None:
@@ -91,6 +106,38 @@ class LineReader:
         order = list(dict.fromkeys([*(name for name in self._known if name in names), *names]))
         self._known = {**self._known, **{name: table.schema.field(name).type for name in order}}
         return table.select(order)
+
+
+def _only(fields: Sequence[pa.Field], lines: bytes, count: int) -> bytes | None:
+    """Return rows with some keys only, cut out of rows without nested dicts; None where that is not sure to be right.
+
+    In such rows a key in quotes with a colon behind it is a key and nothing else (quotes in text are escaped). If there
+    are as many as rows, each row has it. Numbers and lists of numbers end where the first bracket, brace or comma says.
+    """
+    if not fields or lines.count(b"{") != count or not all(_is_plain(field.type) for field in fields):
+        return None
+    names = b"|".join(re.escape(orjson.dumps(field.name)) for field in fields)
+    found = re.findall(rb"(?:" + names + rb"):(?:\[[^\]]*\]|[^,}]*)", lines)
+    if len(found) != len(fields) * count:
+        return None
+    rows = zip(*[iter(found)] * len(fields), strict=True)
+    return b"{" + b"}\n{".join(map(b",".join, rows)) + b"}"
+
+
+def _is_plain(type_: pa.DataType) -> bool:
+    inner = type_.value_type if pa.types.is_list(type_) else type_
+    return bool(pa.types.is_floating(inner) or pa.types.is_integer(inner) or pa.types.is_boolean(inner))
+
+
+def _is_utf8(lines: bytes) -> bool:
+    """Whether bytes are UTF-8, which pyarrow takes for granted."""
+    if lines.isascii():
+        return True
+    try:
+        lines.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def _top_level_names(columns: Iterable[str]) -> list[str]:

@@ -139,6 +139,32 @@ def test_a_projection_notices_when_a_column_changes_its_type() -> None:
     assert fourth is not None and fourth["a"].to_pylist() == [9007199254740993]
 
 
+@pytest.mark.parametrize(
+    "second",
+    [
+        b'{"b":"\\"a\\":7","a":2,"_ts":1.0}',
+        b'{"b":{"a":7},"a":2,"_ts":1.0}',
+        b'{"a":2,"b":"},{,","_ts":1.0}',
+        b'{"b":[{"a":7}],"_ts":1.0,"a":2}',
+        b'{ "a" : 2 , "_ts" : 1.0 }',
+    ],
+)
+def test_a_projection_takes_no_text_or_inner_key_for_the_column(second: bytes) -> None:
+    reader = LineReader(["a"])
+    assert reader.read(b'{"a":1,"b":"x","_ts":0.0}', 1) is not None
+    flat = reader.read(b'{"a":1,"b":"x","_ts":0.0}\n' + second, 2)
+    assert flat is not None and flat["a"].to_pylist() == [1, 2] and flat["_ts"].to_pylist() == [0.0, 1.0]
+
+
+def test_a_projection_sees_where_a_column_is_missing() -> None:
+    reader = LineReader(["a"])
+    assert reader.read(b'{"a":1,"_ts":0.0}', 1) is not None
+    flat = reader.read(b'{"a":1,"_ts":0.0}\n{"b":2,"_ts":1.0}\n{"a":"x","_ts":2.0}', 3)
+    assert flat is None
+    flat = reader.read(b'{"a":1,"_ts":0.0}\n{"b":2,"_ts":1.0}', 2)
+    assert flat is not None and flat["a"].to_pylist() == [1, None]
+
+
 @pytest.fixture
 def robot(tmp_path: Path) -> Path:
     with Recorder(tmp_path, SMALL) as recorder:
