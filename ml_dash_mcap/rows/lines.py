@@ -7,6 +7,7 @@ time as one, integers beyond 64 bits as doubles, and a missing key like a null. 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
