@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 from . import paths
 from .errors import StateError, UsageError
 from .options import RecorderOptions
+from .run.episodes import OpenEpisode
 from .run.files import Files
 from .run.lifecycle import Run, choose_options, describe
 from .run.live import Live, Timestamps
@@ -154,6 +155,37 @@ class Experiment:
             return logs.beside(fields)
         logs.write(level, message, fields, sys._getframe(1))
         return None
+
+    def episode(
+        self,
+        task: str | None = None,
+        *,
+        success: bool | None = None,
+        metadata: Mapping[str, Any] | None = None,
+        _ts: float | None = None,
+    ) -> OpenEpisode:
+        """Begin an episode: a try at a task, from here to its `end`, to the next episode, or to the end of the run.
+
+        Its rows are those that are appended meanwhile; `Recording.episodes` gives their times. As a context manager it
+        ends with the block, which may set its `success`; an exception marks it as failed, and goes on.
+
+        Args:
+            task: What is tried, in words.
+            success: Whether it succeeds, if that is known already.
+            metadata: Anything else, as JSON can say it.
+            _ts: First time stamp of its rows, in s; by default, the next one behind the last row.
+
+        Raises:
+            FieldError: The task, success or metadata cannot be stored.
+            TimestampError: `_ts` is not a time stamp.
+            StateError: The experiment is not started.
+
+        Example:
+            >>> with exp.episode(task="pick the cube", metadata={"seed": 7}) as episode:
+            ...     exp.tracks("robot").append(q=[0.1, 0.2], _ts=0.0)
+            ...     episode.success = True
+        """
+        return self._live().episodes.begin(task, success, metadata, _ts)
 
     def flush(self) -> None:
         """Write everything taken so far to the file before returning."""

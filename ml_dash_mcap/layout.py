@@ -30,11 +30,12 @@ OWN_TOPICS = "ml_dash/"
 LOG_TOPIC = OWN_TOPICS + "log"
 METRIC_TOPICS = OWN_TOPICS + "metrics/"
 FILE_TOPIC = OWN_TOPICS + "files"
+EPISODE_TOPIC = OWN_TOPICS + "episodes"
 
 KIND_KEY = "kind"
 """In a channel's metadata: one of the kinds below."""
 
-TRACK, LOG, METRIC, FILE = "track", "log", "metric", "file"
+TRACK, LOG, METRIC, FILE, EPISODE = "track", "log", "metric", "file", "episode"
 """Only the rows of tracks merge."""
 
 LARGE_BYTES = 32 * 1024 * 1024

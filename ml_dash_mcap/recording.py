@@ -29,9 +29,10 @@ from .layout import (
     SESSION_GLOB,
 )
 from .lookup import Lookup, not_found
-from .read import attachments, counts, gaps, overview, rows, topics
+from .read import attachments, counts, episodes, gaps, overview, rows, topics
 from .read.attachments import Attachments
 from .read.check import check
+from .read.episodes import Episode
 from .read.file import File
 from .read.findings import Report
 from .read.gaps import Gap
@@ -307,6 +308,11 @@ class Recording:
     def files(self) -> list[Row]:
         """What was said about the files that were saved with the run, in time order."""
         return list(rows.read(self._opened(), FILE_TOPIC))
+
+    @property
+    def episodes(self) -> list[Episode]:
+        """The episodes, in the order of recording. `rec["robot"].read(episode.start, episode.end)` gives one's rows."""
+        return episodes.read(self._opened())
 
     @property
     def attachments(self) -> Attachments:

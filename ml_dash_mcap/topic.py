@@ -228,13 +228,28 @@ class Topic:
 
 
 class EventTopic(Topic):
-    """A topic of logs, metrics or files: at the recording's time, and never merged."""
+    """A topic of logs, metrics, files or episodes: at the recording's time, and never merged."""
 
     __slots__ = ()
 
-    def add(self, fields: dict[str, Any]) -> bool:
-        """Take one row, at the recording's time now; returns whether it was taken."""
-        taken = self._journal.add(_OPCODE + self._encode(fields, self._recorder.time()), self.name, None)
+    @property
+    def last_s(self) -> float | None:
+        """The last time stamp that a track was given, in seconds."""
+        return self._journal.last_s
+
+    def now(self) -> float:
+        """Return the recording's time now, in seconds."""
+        return self._recorder.time()
+
+    def add(self, fields: dict[str, Any], time_s: float | None = None) -> bool:
+        """Take one row; returns whether it was taken.
+
+        Args:
+            fields: Get the time stamp.
+            time_s: Its time stamp, in seconds; the recording's time now by default.
+        """
+        time_s = self.now() if time_s is None else time_s
+        taken = self._journal.add(_OPCODE + self._encode(fields, time_s), self.name, None)
         if self._journal.eager is not None:
             self._journal.eager()
         return taken

@@ -119,13 +119,14 @@ def test_a_field_that_cannot_be_stored_is_an_error_that_names_the_topic(exp: Exp
 
 
 def test_every_schema_that_a_channel_gets_lies_within_the_viewers_subset() -> None:
-    for name in ("ml_dash.log", "ml_dash.metric", "ml_dash.file"):
+    for name in ("ml_dash.log", "ml_dash.metric", "ml_dash.file", "ml_dash.episode"):
         assert viewer_schema.violations(definitions.load(name)) == []
 
 
 def test_every_schema_is_a_schema() -> None:
     jsonschema = pytest.importorskip("jsonschema")
     assert definitions.names() == [
+        "ml_dash.episode",
         "ml_dash.file",
         "ml_dash.log",
         "ml_dash.metadata",
@@ -137,7 +138,7 @@ def test_every_schema_is_a_schema() -> None:
     for name in definitions.names():
         jsonschema.Draft202012Validator.check_schema(definitions.load(name))
         assert definitions.load(name)["$id"] == name
-    with pytest.raises(KeyError, match=r"no schema 'nope'; there are ml_dash\.file"):
+    with pytest.raises(KeyError, match=r"no schema 'nope'; there are ml_dash\.episode"):
         definitions.load("nope")
 
 

@@ -26,7 +26,7 @@ class TopicInfo:
 
     name: str
     kind: str | None
-    """"track", "log", "metric" or "file"; None in files that others wrote."""
+    """"track", "log", "metric", "file" or "episode"; None in files that others wrote."""
     count: int
     """Rows, after merging those of one time stamp."""
     start: float | None

@@ -13,6 +13,7 @@ from ..options import RecorderOptions
 from ..recorder import Recorder
 from ..topic import EventTopic
 from . import utc
+from .episodes import Episodes
 from .file_store import Details, FileStore
 from .files import Files
 from .logs import Logs
@@ -26,9 +27,9 @@ Status = Literal["running", "completed", "failed", "cancelled"]
 
 
 class Live(Generic[TrackT]):
-    """An open recorder, with what users do with it: tracks, metrics, logs, parameters, files."""
+    """An open recorder, with what users do with it: tracks, episodes, metrics, logs, parameters, files."""
 
-    __slots__ = ("files", "logs", "metrics", "parameters", "readback", "recorder", "tracks")
+    __slots__ = ("episodes", "files", "logs", "metrics", "parameters", "readback", "recorder", "tracks")
 
     def __init__(
         self,
@@ -63,6 +64,7 @@ class Live(Generic[TrackT]):
             self.tracks = Tracks(self.recorder, self.readback, track_kind)
             self.metrics = Metrics(self.recorder, self.readback)
             self.logs = Logs(self.recorder, prefix)
+            self.episodes = Episodes(self.recorder)
             rows = _FileRows(self.recorder, self.readback)
             self.files = Files(FileStore(folder / "files", rows, prefix), PurePosixPath(), Details())
             self._write_status("running")
@@ -80,7 +82,10 @@ class Live(Generic[TrackT]):
         if self.recorder.closed:
             return
         try:
-            self._write_status(status, error)
+            try:
+                self.episodes.end_open(has_failed=status == "failed")
+            finally:
+                self._write_status(status, error)
         finally:
             self.readback.close()
             self.recorder.close()
