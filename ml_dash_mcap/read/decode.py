@@ -11,6 +11,7 @@ import orjson
 
 from ..errors import EncodingError, UndecodedWarning
 from ..ros import decode as ros_decode
+from ..rows import depth
 from ..rows.encode import EXACT_KEY, restore
 from .records import Channel, Schema
 
@@ -63,6 +64,8 @@ def decode_json(payload: bytes) -> Row:
 
     Whatever is not an object becomes the field `value`, and an empty payload a row without fields.
     """
+    if not depth.is_within(payload, depth.MOST):
+        raise ValueError(f"it is nested deeper than {depth.MOST} levels")
     try:
         row = orjson.loads(payload)
     except orjson.JSONDecodeError:

@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ..rows.encode import EXACT_KEY, TIME_KEY
-from ..rows.lines import LineReader
+from ..rows.lines import LineReader, are_shallow
 from ..rows.table import Block, Column
 from . import messages, ordering, rows
 from .decode import Decoder, Row
@@ -91,7 +91,7 @@ class _Reading:
     def _parse(self, cut: Cut) -> Block | None:
         payloads = cut.messages.payloads
         lines = b"\n".join(payloads)
-        if _EXACT in lines:
+        if _EXACT in lines or not are_shallow(payloads):
             return None
         key = rows.key_of(cut.origin)
         reader = self._readers.get(key)
