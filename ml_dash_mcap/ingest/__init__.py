@@ -19,6 +19,10 @@ Progress = Callable[[int, int], object]
 FORMATS: Mapping[str, str] = {
     "mocap": "motive",
     "sto": "sto",
+    "trc": "trc",
+    "qtm": "qtm",
+    "vicon": "vicon",
+    "wide": "wide",
 }
 """Formats, to the module here that reads them.
 

@@ -51,9 +51,13 @@ class Cells:
     """Whether a line without cells ends the table."""
     bad: int = 0
     """How many cells were no numbers, so far."""
+    lines: int = 0
+    """How many lines were read."""
 
     def read(self, file: BinaryIO, line: int) -> Iterator[tuple[Floats, int]]:
         """Yield rows, [N, columns], NaN where a number is missing, each time with the bytes read so far.
+
+        Afterwards the file is at the line behind the table.
 
         Args:
             file: At the start of the table's first line.
@@ -62,7 +66,7 @@ class Cells:
         Raises:
             ForeignFileError: A cell is no number, or a line has too many or too few of them.
         """
-        rest = b""
+        rest, done = b"", file.tell()
         while True:
             chunk = file.read(_CHUNK_BYTES)
             data = rest + chunk
@@ -75,7 +79,10 @@ class Cells:
             if data.strip():
                 yield self._parse(data, line), file.tell()
             line += data.count(b"\n")
+            self.lines += data.count(b"\n")
+            done += len(data)
             if is_over or not chunk:
+                file.seek(done)
                 return
 
     def _up_to_blank(self, data: bytes) -> tuple[bytes, bool]:

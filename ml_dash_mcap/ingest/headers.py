@@ -29,6 +29,14 @@ class Header:
         self.line = 0
         """How many were read."""
 
+    def next_or_none(self) -> str | None:
+        """Return the next line without its end; None at the end of the file."""
+        at = self.at()
+        if not self._file.read(1):
+            return None
+        self._file.seek(at)
+        return self.next("its end")
+
     def next(self, what: str) -> str:
         """Return the next line without its end.
 
@@ -49,6 +57,10 @@ class Header:
     def at(self) -> int:
         """Return where in the file the next line starts, in bytes."""
         return self._file.tell()
+
+    def skip(self, lines: int) -> None:
+        """Take note of lines that others read."""
+        self.line += lines
 
     def back(self, at: int) -> None:
         """Go back to the start of the line before, which was read last."""

@@ -18,10 +18,10 @@ from zoneinfo import ZoneInfo
 from ..errors import ForeignFileError, OptionError
 from ..mocap import placement
 from ..mocap.objects import MARKERS_TOPIC
-from ..mocap.placement import NOTE_KEY, Note, Placement
-from ..mocap.space import DECIMALS, UNITS, turned, turned_rotations, unit_of
+from ..mocap.placement import NOTE_KEY, Placement
+from ..mocap.space import DECIMALS, UNITS
 from ..recorder import Recorder
-from . import Progress, sto
+from . import Progress, restored, sto
 from .cells import Cells
 from .headers import Header, check_on_bad, distinct, first_line
 from .tracks import Report, Tracks
@@ -89,15 +89,17 @@ def record(
         decimals = DECIMALS[_unit(src, pairs)]
         origin = start if start is not None else note.origin if note else _start(pairs, timezone)
         placements, metadata = (note.placements, note.metadata) if note else _foreign(columns, pairs)
-        shifts = [-decimals if column.group in _LENGTHS else 0 for column in columns]
+        lengths = {at for at, column in enumerate(columns) if column.group in _LENGTHS}
+        shifts = [-decimals if at in lengths else 0 for at in range(len(columns))]
         if note:
-            _shift_back(shifts, note, columns)
+            shifts = restored.shifts(note, decimals, len(columns), lengths)
+        points, rotations = _groups(columns, "Position", "XYZ"), _groups(columns, "Rotation", "XYZW")
         cells = Cells(src, len(columns) + leading, ",", [0] * leading + shifts, on_bad=on_bad)
         tracks = Tracks(recorder, placements, metadata, skip_empty=note is not None)
         line = header.line + 1
         for values, at in cells.read(file, line):
             if note:
-                _turn_back(values[:, leading:], note, columns)
+                restored.turn_back(values[:, leading:], note, points, rotations)
             line += tracks.append(cells, origin + values[:, 1], values[:, leading:], line)
             report.add(len(values), at)
     beside = sto.beside(src, note.joints if note else None)
@@ -277,6 +279,13 @@ def _body(name: str, columns: Sequence[_Column], group: Sequence[int]) -> list[P
     return found
 
 
+def _groups(columns: Sequence[_Column], kind: str, axes: str) -> list[tuple[int, ...]]:
+    """Return the columns of each object's position, or of its rotation."""
+    groups = _objects(columns)
+    having = [group for group in groups if any(columns[at].group == kind for at in group)]
+    return [_axes(columns, group, kind, axes) for group in having]
+
+
 def _axes(columns: Sequence[_Column], group: Sequence[int], kind: str, axes: str) -> tuple[int, ...]:
     by_axis = {columns[at].axis: at for at in group if columns[at].group == kind}
     return tuple(by_axis[axis] for axis in axes)
@@ -291,25 +300,3 @@ def _marker(column: _Column, bodies: Sequence[str]) -> tuple[str, str]:
         if column.name.startswith(f"{body}_"):
             return body, column.name[len(body) + 1 :]
     return MARKERS_TOPIC, column.name or "marker"
-
-
-def _shift_back(shifts: list[int], note: Note, columns: Sequence[_Column]) -> None:
-    """Give lengths the unit that they had when they were recorded."""
-    for one in note.placements:
-        for at in one.columns:
-            if columns[at].group in _LENGTHS:
-                shifts[at] += DECIMALS[unit_of(note.metadata.get(one.topic, {}), ".".join(one.path))]
-
-
-def _turn_back(numbers: Any, note: Note, columns: Sequence[_Column]) -> None:
-    """Turn positions and rotations to the axes that they had when they were recorded, in place."""
-    topics = {at: one.topic for one in note.placements for at in one.columns}
-    for group in _objects(columns):
-        up = str(note.metadata.get(topics.get(group[0], ""), {}).get("up", "z")).lower()
-        if note.up is None or up == note.up or columns[group[0]].type == "Joint":
-            continue
-        where = list(_axes(columns, group, "Position", "XYZ"))
-        numbers[:, where] = turned(numbers[:, where], note.up, up)
-        if columns[group[0]].type in _BODIES:
-            where = list(_axes(columns, group, "Rotation", "XYZW"))
-            numbers[:, where] = turned_rotations(numbers[:, where], note.up, up)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +41,10 @@ class Tracks:
             skip_empty: Whether a row without any number is no row, rather than one without fields.
         """
         self._topics: dict[str, list[Placement]] = {}
+        taken = {(one.topic, one.path) for one in placements}
         for one in placements:
+            if any((one.topic, one.path[:length]) in taken for length in range(1, len(one.path))):
+                one = replace(one, path=(".".join(one.path),))  # a field cannot be a dict too
             self._topics.setdefault(one.topic, []).append(one)
         self._tracks = {name: recorder.topic(name, metadata=metadata.get(name) or None) for name in self._topics}
         self._skip_empty = skip_empty

@@ -52,13 +52,16 @@ def spacing(times_ns: Times) -> Spacing:
     if len(times_ns) < 2:
         return Spacing(0.0, 0, 0, int(times_ns[0]) if len(times_ns) else 0, np.arange(len(times_ns)))
     steps = np.diff(times_ns)
-    median = float(np.median(steps))
-    counts = np.maximum(np.rint(steps / median), 1)
-    off = np.abs(steps / counts - median)
-    worst = int(off.argmax())
-    is_even = off[worst] <= TOLERANCE * median
-    frames = np.concatenate(([0], np.cumsum(counts))).astype(np.int64) if is_even else None
-    return Spacing(median, int(steps.min()), int(steps.max()), int(times_ns[worst + 1]), frames)
+    shortest, longest = int(steps.min()), int(steps.max())
+    typical = float(np.quantile(steps, 0.5, method="lower"))
+    for base in (typical, float(shortest)):  # where most samples have a hole behind them, the shortest is the frame
+        counts = np.maximum(np.rint(steps / base), 1)
+        off = np.abs(steps / counts - base)
+        if off.max() <= TOLERANCE * base:
+            frames = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
+            return Spacing(base, shortest, longest, int(times_ns[1]), frames)
+    worst = int(np.abs(steps - typical).argmax())
+    return Spacing(typical, shortest, longest, int(times_ns[worst + 1]), None)
 
 
 def mean_rate(times_ns: Times, frames: Times) -> float:

@@ -17,28 +17,8 @@ from ml_dash_mcap import ingest
 from ml_dash_mcap.errors import ConversionError, DestinationExistsError, ForeignFileError, OptionError
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
+from tests.mocap.support import UNIT, read_back, record
 from tests.support import shared
-
-UNIT = [0.5, 0.5, 0.5, 0.5]
-
-
-def record(folder: Path, rows: dict[str, list[dict[str, Any]]], **metadata: dict[str, Any]) -> Recording:
-    with Recorder(folder) as recorder:
-        for topic, some in rows.items():
-            recorder.topic(topic, metadata=metadata.get(topic)).append_batch(some)
-    return Recording(folder)
-
-
-def rows_of(folder: Path) -> dict[str, list[dict[str, Any]]]:
-    with Recording(folder) as recording:
-        return {topic: list(recording[topic].rows()) for topic in recording.topics}
-
-
-def read_back(file: Path, folder: Path, **options: Any) -> dict[str, list[dict[str, Any]]]:
-    with Recorder(folder) as recorder:
-        ingest.record(file, recorder, **options)
-    return rows_of(folder)
-
 
 # There and back
 
