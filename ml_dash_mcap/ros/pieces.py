@@ -60,13 +60,14 @@ def _texts_packed(data: bytes, at: int, count: int) -> tuple[list[str], int]:
 
 def _texts_aligned(unpack: _UnpackFrom) -> Callable[[bytes, int, int], tuple[list[str], int]]:
     def texts(data: bytes, at: int, count: int) -> tuple[list[str], int]:
-        found = []
+        found, size = [], len(data)
         for _ in range(count):
-            at = at + 3 & -4
-            (length,) = unpack(data, at)
-            at += 4
-            found.append(text_aligned(data, at, length))
-            at += length
+            start = (at + 3 & -4) + 4
+            (length,) = unpack(data, start - 4)
+            at = start + length
+            if at > size or (length and data[at - 1]):
+                text_aligned(data, start, length)  # which says what is wrong
+            found.append(data[start : at - 1].decode())
         return found, at
 
     return texts

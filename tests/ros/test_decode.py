@@ -151,10 +151,16 @@ def test_a_message_without_fields_is_an_empty_row() -> None:
 
 
 def test_an_empty_text_may_have_no_bytes_at_all() -> None:
-    assert decoder("p/msg/A", "ros2msg", "string s\nint32 n")(b"\0\1\0\0" + struct.pack("<Ii", 0, 5)) == {
-        "s": "",
-        "n": 5,
-    }
+    decode = decoder("p/msg/A", "ros2msg", "string s\nstring[] more\nint32 n")
+    payload = b"\0\1\0\0" + struct.pack("<IIII2sxxi", 0, 2, 0, 2, b"a\0", 5)
+    assert decode(payload) == {"s": "", "more": ["", "a"], "n": 5}
+
+
+@pytest.mark.parametrize("line", ["string s", "string[1] s", "string[] s"])
+def test_a_text_without_its_zero_is_a_value_error(line: str) -> None:
+    count = b"\1\0\0\0" if "[]" in line else b""
+    with pytest.raises(ValueError, match=r"the text at byte \d+ does not end with a zero"):
+        decoder("p/msg/A", "ros2msg", line)(b"\0\1\0\0" + count + b"\2\0\0\0ab")
 
 
 def test_the_same_type_with_other_fields_is_another_type() -> None:
