@@ -33,6 +33,8 @@ EXPORTERS: Mapping[str, str] = {
     "trc": "trc",
     "qtm": "qtm",
     "vicon": "vicon",
+    "c3d": "c3d",
+    "rosbag1": "rosbag1",
     "rosbag2": "rosbag2",
 }
 """What `Recording.export(format=...)` takes, to the module here whose `export(job, **options)` does it."""

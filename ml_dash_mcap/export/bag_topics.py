@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from .. import clock
 from ..errors import ConversionError, ConversionWarning, OptionError
 from ..read import exact
 from ..ros import blocks, forms, lossless, messages, msg, names, standard, stores
+from ..ros import package as interfaces
 from ..ros.columns import Constant, Indices, Struct, pick
 from ..ros.fill import MisfitError, fill
 from ..ros.forms import Form
@@ -210,9 +212,11 @@ class Outgoing:
         settings = self._settings
         is_json = settings.profile == "json"
         message = lossless.design(form, topic, set() if is_json else taken_types, is_json=is_json)
-        message = Message(message.name, message.fields, message.is_stated, True, self._about(topic, is_json=is_json))
         called = names.topic(topic, taken_topics)
         taken_topics.add(called)
+        wanted = self._wanted(topic, message, called, taken_topics) if "std" in settings.profile else []
+        about = {} if is_json else self._about(topic, wanted)  # one type of JSON for all topics
+        message = Message(message.name, message.fields, message.is_stated, True, about)
         own = None
         if settings.profile != "std":
             type_ = f"{settings.package}/msg/{message.name}"
@@ -220,18 +224,26 @@ class Outgoing:
             digest = stores.digest(type_, text, is_ros1=settings.is_ros1)
             struct = lossless.struct(message, settings.package, is_ros1=settings.is_ros1)
             own = self._outlet(called, type_, text, digest, struct)
-        derived = self._derived(topic, message, called, taken_topics) if "std" in settings.profile else []
+        derived = [(one, self._standard(one)) for one in wanted]
         if own is None and not derived and form.count:
             self._warn(f"topic {topic!r}: no standard message says what its fields hold; profile='std' leaves it out")
         return Plan(topic, message, own, tuple(derived))
 
-    def _about(self, topic: str, *, is_json: bool) -> dict[str, Any]:
-        if is_json:  # one type for all topics
-            return {}
-        said = self._metadata[topic]
-        return {"topic": topic, **{name: said[name] for name in ("units", "quat_order") if name in said}}
+    def _about(self, topic: str, wanted: list[Derived]) -> dict[str, Any]:
+        """Return what a message's definition says besides its fields, in bags that have no other place for it too."""
+        info = self._job.topics[topic]
+        said: dict[str, Any] = {"topic": topic}
+        if info.description is not None:
+            said["description"] = info.description
+        if info.tags:
+            said["tags"] = list(info.tags)
+        if info.metadata:
+            said["metadata"] = dict(info.metadata)
+        if wanted:
+            said["derived"] = [one.topic for one in wanted]
+        return said
 
-    def _derived(self, topic: str, message: Message, called: str, taken: set[str]) -> list[tuple[Derived, Outlet]]:
+    def _wanted(self, topic: str, message: Message, called: str, taken: set[str]) -> list[Derived]:
         settings = self._settings
         mapping = (settings.mapping or {}).get(topic, {})
         if mapping is None or mapping is False:
@@ -249,15 +261,18 @@ class Outgoing:
             if why is not None or (one.topic in taken and one.type != standard.TF):
                 self._warn(f"topic {topic!r}: {one.topic} is left out: {why or 'another topic has that name'}")
                 continue
-            if one.type == standard.TF and one.topic in taken:
-                outlet = next(other for other in self._outlets if other.topic == one.topic)
-            else:
-                text, digest = stores.definition(one.type, is_ros1=settings.is_ros1)
-                struct = stores.struct(one.type, is_ros1=settings.is_ros1)
-                outlet = self._outlet(one.topic, one.type, text, digest, struct)
             taken.add(one.topic)
-            found.append((one, outlet))
+            found.append(one)
         return found
+
+    def _standard(self, one: Derived) -> Outlet:
+        """Return the outlet of a standard message; `/tf` is everybody's."""
+        for other in self._outlets:
+            if other.topic == one.topic:
+                return other
+        text, digest = stores.definition(one.type, is_ros1=self._settings.is_ros1)
+        struct = stores.struct(one.type, is_ros1=self._settings.is_ros1)
+        return self._outlet(one.topic, one.type, text, digest, struct)
 
     def _outlet(self, topic: str, type_: str, text: str, digest: str, struct: Struct) -> Outlet:
         outlet = Outlet(len(self._outlets) + 1, topic, type_, text, digest, struct)
@@ -386,4 +401,13 @@ def to_text(about: Mapping[str, Any]) -> str:
     return json.dumps(about)
 
 
-__all__ = ["MisfitError", "Outgoing", "Outlet", "Sent", "Settings", "to_text"]
+def write_package(folder: Path, outgoing: Outgoing) -> None:
+    """Write the interface package of a bag's messages that say all, if there are any."""
+    messages = outgoing.own_messages
+    for path, text in interfaces.files(messages, folder.name).items() if messages else ():
+        place = folder / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(text, encoding="utf-8")
+
+
+__all__ = ["MisfitError", "Outgoing", "Outlet", "Sent", "Settings", "to_text", "write_package"]

@@ -61,3 +61,27 @@ class Counter:
         """All are done, although a time range may have left some out."""
         if self._progress is not None:
             self._progress(self._total, self._total)
+
+
+class Steps:
+    """Counts rows once, although an export may have to begin again."""
+
+    def __init__(self, counter: Counter) -> None:
+        self._counter = counter
+        self._done = 0
+        self._most = 0
+
+    def begin(self) -> None:
+        """Count from the first row again."""
+        self._done = 0
+
+    def add(self, rows: int) -> None:
+        """So many more rows are done."""
+        self._done += rows
+        if self._done > self._most:
+            self._counter.add(self._done - self._most)
+            self._most = self._done
+
+    def finish(self) -> None:
+        """All are done."""
+        self._counter.finish()

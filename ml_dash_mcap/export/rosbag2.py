@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..errors import OptionError
-from ..ros import package as interfaces
 from . import bag_mcap, bag_metadata, bag_sqlite
 from .bag_metadata import Contents
-from .bag_topics import MisfitError, Outgoing, Outlet, Sent, Settings, to_text
+from .bag_topics import MisfitError, Outgoing, Outlet, Sent, Settings, to_text, write_package
 from .destination import fresh_folder
-from .job import Counter, Job
+from .job import Job, Steps
 
 CUSTOM_KEY = "ml_dash"
 """In the metadata's `custom_data`: what the way back wants to know."""
@@ -91,41 +90,20 @@ def export(
         begin = functools.partial(bag_sqlite.Storage, qos=qos, distro=distro, version=version)
     with fresh_folder(job.dest) as folder:
         outgoing = Outgoing(job, settings)
-        progress = _Progress(job.counter())
+        steps = Steps(job.counter())
         while True:
             bag = _Bag(folder, job.dest.name, storage, distro, version, split_bytes, begin, outgoing)
             try:
-                bag.fill(progress)
+                bag.fill(steps)
             except MisfitError:
                 shutil.rmtree(folder)
                 folder.mkdir()
                 outgoing.widen()
                 continue
             break
-        progress.finish()
-        _write_package(folder / package, outgoing, package)
+        steps.finish()
+        write_package(folder / package, outgoing)
     return job.dest
-
-
-class _Progress:
-    """Counts rows once, although a bag may be begun a second time."""
-
-    def __init__(self, counter: Counter) -> None:
-        self._counter = counter
-        self._most = 0
-        self.begin()
-        self.finish = counter.finish
-
-    def begin(self) -> None:
-        """Count from the first row again."""
-        self._done = 0
-
-    def add(self, rows: int) -> None:
-        """So many more rows are done."""
-        self._done += rows
-        if self._done > self._most:
-            self._counter.add(self._done - self._most)
-            self._most = self._done
 
 
 class _Bag:
@@ -154,9 +132,9 @@ class _Bag:
         self._custom = {CUSTOM_KEY: to_text(outgoing.about())}
         self._files: list[Contents] = []
 
-    def fill(self, progress: _Progress) -> None:
+    def fill(self, steps: Steps) -> None:
         """Write all messages, and the metadata."""
-        progress.begin()
+        steps.begin()
         outlets = self._outgoing.outlets
         file = self._next()
         try:
@@ -166,7 +144,7 @@ class _Bag:
                     file = self._next()
                     continue
                 file.write(sent)
-                progress.add(rows)
+                steps.add(rows)
                 if self._split_bytes is not None and file.size >= self._split_bytes:
                     self._outgoing.finish_up()
             self._finish(file)
@@ -189,13 +167,3 @@ class _Bag:
 
     def _information(self, outlets: Sequence[Outlet], files: Sequence[Contents]) -> dict[str, Any]:
         return bag_metadata.information(self._version, self._storage, self._distro, outlets, files, self._custom)
-
-
-def _write_package(folder: Path, outgoing: Outgoing, name: str) -> None:
-    messages = outgoing.own_messages
-    if not messages:
-        return
-    for path, text in interfaces.files(messages, name).items():
-        place = folder / path
-        place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_text(text, encoding="utf-8")

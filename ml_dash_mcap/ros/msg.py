@@ -25,7 +25,8 @@ _SECTION = re.compile(r"^MSG: *(?:\w+/)(?:msg/)?(\w+) *$")
 
 def text(message: Message, package: str) -> str:
     """Return the definition of one message: the content of its `.msg` file."""
-    units = message.about.get("units")
+    metadata = message.about.get("metadata")
+    units = metadata.get("units") if isinstance(metadata, Mapping) else None
     lines = [MARK + _describe(message)]
     if message.is_row:
         lines += ["", "std_msgs/Header header", "float64 ts  # the exact time stamp, in seconds"]

@@ -104,7 +104,9 @@ def test_what_a_type_cannot_say_is_said_beside_it() -> None:
 
 def test_units_stand_in_brackets_and_nothing_else_does() -> None:
     message = designed(timed([{"q": [0.5], "odd [x]": 1}]))
-    message = Message(message.name, message.fields, False, about={"topic": "robot", "units": {"q": "rad"}, "n": [1]})
+    message = Message(
+        message.name, message.fields, False, about={"topic": "robot", "metadata": {"units": {"q": "rad"}, "n": [1]}}
+    )
     text = msg.text(message, PACKAGE)
     assert "float64[1] q  # [rad]" in text
     assert "[" not in text.splitlines()[0]

@@ -2,35 +2,20 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from ml_dash_mcap.ros import package
 from ml_dash_mcap.ros.lossless import Message
 from tests.ros.test_lossless import PACKAGE, designed, timed
-
-PROGRAM = Path(__file__).parent.parent / "support/ros/check_package.py"
-SYSTEM_PYTHON = "/usr/bin/python3"
+from tests.support import system_python
 
 
 def with_rosidl(folder: Path) -> dict[str, dict[str, list[str]]]:
-    command = [SYSTEM_PYTHON, "-c", "import rosidl_adapter, rosidl_parser"]
-    try:
-        there = subprocess.run(command, capture_output=True, timeout=60).returncode == 0
-    except OSError:
-        there = False
-    if not there and not os.environ.get("CI"):
-        pytest.skip("Debian's python3-rosidl is not installed; ROS's own parser is not asked")
-    command = [SYSTEM_PYTHON, str(PROGRAM), str(folder), PACKAGE]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    found: dict[str, dict[str, list[str]]] = json.loads(done.stdout[done.stdout.index("\n{") :])
+    found: dict[str, dict[str, list[str]]] = system_python.run(
+        "check_package.py", folder, PACKAGE, needs=("rosidl_adapter", "rosidl_parser"), package="python3-rosidl"
+    )
     return found
 
 
@@ -59,7 +44,7 @@ def test_ros_parses_the_messages_and_finds_their_units(tmp_path: Path) -> None:
         {"mixed": 0.5, "contacts": []},
     ]
     robot = designed(timed(rows))
-    about = {"topic": 'a "b" [c]', "units": {"q": "rad", "T": "m"}, "metadata": {"joint_names": ["a", "b"]}}
+    about = {"topic": 'a "b" [c]', "metadata": {"units": {"q": "rad", "T": "m"}, "joint_names": ["a", "b"]}}
     robot = Message(robot.name, robot.fields, robot.is_stated, about=about)
     empty = Message("Empty", (), False, about={"topic": "empty"})
     found = with_rosidl(write(tmp_path, robot, empty))

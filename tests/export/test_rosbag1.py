@@ -1,0 +1,83 @@
+"""A recording becomes a ROS 1 bag that ROS 1 itself reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ml_dash_mcap.errors import ConversionError, ConversionWarning, DestinationExistsError, OptionError
+from tests.support import system_python
+from tests.support.bags import ROBOT, export, record, robot_rows, with_rosbags
+
+COMPRESSIONS = ("none", "bz2", "lz4")
+
+
+def with_ros1(bag: Path) -> Any:
+    return system_python.run("read_bag.py", bag, needs=("rosbag", "genpy", "roslz4"), package="python3-rosbag")
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_real_ros_1_reads_all_messages_and_knows_our_types(tmp_path: Path, compression: str) -> None:
+    rows = [{**row, "_ts": 1.0 + 0.01 * number, "nested": {"a": [1.5]}} for number, row in enumerate(robot_rows(2000))]
+    record(tmp_path / "run", {"robot": rows})
+    bag = export(tmp_path / "run", tmp_path / "out.bag", "rosbag1", compression=compression)
+    found = with_ros1(bag)
+    assert found["compression"] == compression
+    topics = found["topics"]
+    assert {name: one["type"] for name, one in topics.items()} == {
+        "/robot": "ml_dash_msgs/Robot",
+        "/robot/joint_states": "sensor_msgs/JointState",
+        "/robot/gripper": "sensor_msgs/JointState",
+        "/robot/ee_pose": "geometry_msgs/PoseStamped",
+    }
+    for one in topics.values():
+        assert one["count"] == one["read"] == 2000
+        assert one["valid"]
+        assert one["times"] == sorted(one["times"])
+    first = topics["/robot"]["first"]
+    assert (first["ts"], first["q"], first["phase"], first["nested"]["a"]) == (1.0, rows[0]["q"], "reach", [1.5])
+    assert topics["/robot/joint_states"]["first"]["position"] == rows[0]["q"]
+
+
+def test_real_ros_1_reads_a_camera(tmp_path: Path) -> None:
+    k = [[500.0, 0.0, 320.0], [0.0, 501.0, 240.0], [0.0, 0.0, 1.0]]
+    record(tmp_path / "run", {"cam": [{"K": k, "dist": [0.1] * 5, "rgb": [[[1, 2, 3]]], "_ts": 1.0}]})
+    found = with_ros1(export(tmp_path / "run", tmp_path / "out.bag", "rosbag1"))["topics"]
+    assert found["/cam/camera_info"]["first"]["K"] == [number for row in k for number in row]
+    assert found["/cam/image"]["first"]["data"] == [1, 2, 3]
+
+
+def test_the_interface_package_lies_beside_the_bag(tmp_path: Path) -> None:
+    record(tmp_path / "run", {"robot": [{"x": 1.5, "_ts": 1.0}]})
+    export(tmp_path / "run", tmp_path / "out.bag", "rosbag1", package="my_msgs")
+    assert (tmp_path / "out_interfaces/my_msgs/msg/Robot.msg").exists()
+    assert [one.type for one in with_rosbags(tmp_path / "out.bag")] == ["my_msgs/msg/Robot"]
+
+
+def test_a_message_at_time_0_is_warned_about(tmp_path: Path) -> None:
+    record(tmp_path / "run", {"robot": [{"x": 1.5}]})
+    with pytest.warns(ConversionWarning, match="time_offset"):
+        export(tmp_path / "run", tmp_path / "out.bag", "rosbag1")
+
+
+def test_nothing_is_left_behind_where_a_row_cannot_be_said(tmp_path: Path) -> None:
+    record(tmp_path / "run", {"robot": [{**ROBOT, "ee_quat": [0.0] * 4, "_ts": 1.0}]})
+    with pytest.raises(ConversionError, match="no unit quaternion"):
+        export(tmp_path / "run", tmp_path / "out/out.bag", "rosbag1")
+    assert not list(tmp_path.glob("out*/*"))
+
+
+def test_an_unknown_compression_is_named(tmp_path: Path) -> None:
+    record(tmp_path / "run", {"robot": [{"x": 1.5, "_ts": 1.0}]})
+    with pytest.raises(OptionError, match="compression='zstd'"):
+        export(tmp_path / "run", tmp_path / "out.bag", "rosbag1", compression="zstd")
+
+
+def test_a_bag_that_exists_is_left_alone(tmp_path: Path) -> None:
+    record(tmp_path / "run", {"robot": [{"x": 1.5, "_ts": 1.0}]})
+    (tmp_path / "out.bag").write_text("mine")
+    with pytest.raises(DestinationExistsError):
+        export(tmp_path / "run", tmp_path / "out.bag", "rosbag1")
+    assert (tmp_path / "out.bag").read_text() == "mine"
