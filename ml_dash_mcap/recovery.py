@@ -313,8 +313,8 @@ def _torn_chunk(path: Path) -> int:
     file = File(path)
     try:
         end, size = file.index.end, file.source.size()
-        is_chunk = not file.index.finished and file.source.read(end, 1) == bytes([read.Opcode.CHUNK])
-        return size - end if is_chunk else 0
+        is_cut = not file.index.finished and end < size
+        return size - end if is_cut and file.source.read(end, 1) == bytes([read.Opcode.CHUNK]) else 0
     finally:
         file.close()
 
