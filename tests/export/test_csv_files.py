@@ -24,7 +24,7 @@ from ml_dash_mcap import Recording
 from ml_dash_mcap.export.csv_files import stream
 from ml_dash_mcap.export.selection import Selection
 from ml_dash_mcap.rows.columns import flatten
-from tests.export.test_parquet_files import recording, steps
+from tests.export.test_parquet_files import _a_block_a_chunk, recording, steps  # noqa: F401
 from tests.read.test_columns import ROWS
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, Recording
 from ml_dash_mcap.errors import UsageError
+from ml_dash_mcap.read import columns
 from ml_dash_mcap.rows.columns import flatten
 from ml_dash_mcap.rows.encode import exact
 from ml_dash_mcap.rows.table import ENCODING_KEY, Column, values_of
@@ -28,6 +29,15 @@ from tests.read.test_columns import ROWS
 from tests.support.files import save
 
 Rows = Sequence[Mapping[str, Any]]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _a_block_a_chunk() -> Iterator[None]:
+    """Read each chunk by itself, so that a few rows are many blocks."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(columns, "_FIRST_BYTES", 1)
+        patch.setattr(columns, "_MOST_BYTES", 1)
+        yield
 
 
 def recording(folder: Path, *chunks: Rows, **how: Any) -> Recording:
@@ -125,7 +135,7 @@ def test_other_readers_see_the_values_and_what_is_missing(tmp_path: Path, reader
 
 def values(table: pa.Table) -> list[dict[str, Any]]:
     """Rows with dotted names, without what is missing; matrices in their shape, JSON text read."""
-    columns: dict[str, list[Any]] = {}
+    found: dict[str, list[Any]] = {}
 
     def put(name: str, field: pa.Field, array: pa.Array) -> None:
         said = field.metadata or {}
@@ -133,14 +143,14 @@ def values(table: pa.Table) -> list[dict[str, Any]]:
             for at, child in enumerate(array.flatten()):
                 put(f"{name}.{field.type.field(at).name}", field.type.field(at), child)
             return
-        found = values_of(Column(array, ENCODING_KEY in said))
         shape = orjson.loads(said.get(b"ml_dash.shape", b"[]"))
-        columns[name] = [value if value is None or not shape else shaped(value, shape) for value in found]
+        listed = values_of(Column(array, ENCODING_KEY in said))
+        found[name] = [value if value is None or not shape else shaped(value, shape) for value in listed]
 
     for field in table.schema:
         put(field.name, field, table[field.name].combine_chunks())
-    del columns["timestamp_ns"]
-    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    del found["timestamp_ns"]
+    rows = [dict(zip(found, row, strict=True)) for row in zip(*found.values(), strict=True)]
     return [{name: value for name, value in row.items() if value is not None} for row in rows]
 
 
