@@ -55,7 +55,7 @@ def _add_rows(writer: Writer, selection: Selection, found: list[tuple[File, Chan
     said = {key: text for _, one in found for key, text in one.metadata.items()}
     channel_id = writer.register_channel(selection.topic, "json", schema_id, said)
     for sequence, row in enumerate(selection.rows()):
-        time_ns = clock.to_nanoseconds(row[TIME_KEY])
+        time_ns = min(clock.to_nanoseconds(row[TIME_KEY]), rows.LAST_NS)  # no double is as near to it as 2**64
         writer.add_message(channel_id, time_ns, payload(row, selection.topic), time_ns, sequence)
 
 
