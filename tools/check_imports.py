@@ -39,9 +39,10 @@ HEAVY = {
         *("export.samples", "ingest.cells"),
         *("read.columns", "read.exact", "ros.blocks", "export.parquet", "topic_reader", "alignment"),
     },
-    "rosbags": {"ros.stores", "export.rosbag1", "ingest.rosbag"},
+    "rosbags": {"ros.stores", "export.rosbag1", "ingest.bag_ros1"},
     "google": {"read.protobuf"},
     "mcap_protobuf": {"read.protobuf"},
+    "ezc3d": {"export.c3d", "ingest.c3d"},
     "PIL": {"run.images"},
     "rich": {"cli.output", "cli.progress"},
 }

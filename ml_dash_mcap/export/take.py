@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import ConversionError
+from ..errors import ConversionError, ConversionWarning
 from ..mocap import objects, quaternions, resample, space
 from ..mocap.frames import longest_gap_s
 from ..mocap.objects import Body, Joint, Marker, Objects, Source
@@ -104,7 +104,7 @@ class Take:
             yield Window(part.frames, part.times - self.clock.origin, values, is_row)
         counter.finish()
         if self.bad:
-            warnings.warn(f"{self.bad} values that are no rotations were left out", UserWarning, stacklevel=2)
+            warnings.warn(f"{self.bad} values that are no rotations were left out", ConversionWarning, stacklevel=2)
 
 
 class _Topic:
@@ -210,7 +210,7 @@ class _Topic:
             warnings.warn(
                 f"topic {thing.topic!r}: its quaternions start with {numbers[0].tolist()}, which looks like w x y z;"
                 " they are taken as x y z w. Pass quat_order='wxyz' or 'xyzw', or say it in the topic's metadata",
-                UserWarning,
+                ConversionWarning,
                 stacklevel=2,
             )
 

@@ -100,7 +100,7 @@ def record(
         for values, at in cells.read(file, line):
             if note:
                 restored.turn_back(values[:, leading:], note, points, rotations)
-            line += tracks.append(cells, origin + values[:, 1], values[:, leading:], line)
+            line += tracks.append_from(cells, origin + values[:, 1], values[:, leading:], line)
             report.add(len(values), at)
     beside = sto.beside(src, note.joints if note else None)
     if beside is not None:

@@ -89,7 +89,7 @@ def record(
             numbers = _bodies(values[:, leading:]) if has_bodies else values[:, leading:]
             if note and not has_bodies:
                 restored.turn_back(numbers, note, groups, ())
-            tracks.append(cells, origin + times, numbers, line)
+            tracks.append_from(cells, origin + times, numbers, line)
             report.add(len(values), at)
             line, row = line + len(values), row + len(values)
     report.finish(cells.bad)

@@ -84,7 +84,7 @@ def record(
         cells = Cells(src, len(names), separator if _is_split(file, separator) else " ", on_bad=on_bad)
         line = header.line + 1
         for values, at in cells.read(file, line):
-            line += tracks.append(cells, origin + values[:, 0], values[:, 1:], line)
+            line += tracks.append_from(cells, origin + values[:, 0], values[:, 1:], line)
             report.add(len(values), at)
     report.finish(cells.bad)
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..clock import END_S
-from ..errors import ForeignFileError
+from ..errors import ConversionWarning, ForeignFileError
 from ..mocap.placement import Placement
 from ..recorder import Recorder
 from . import Progress
@@ -21,7 +21,7 @@ from .cells import Cells
 Floats = npt.NDArray[np.float64]
 
 
-class Tracks:
+class Arrays:
     """Appends the rows of some topics, whose numbers stand in the columns of one table."""
 
     def __init__(
@@ -49,7 +49,34 @@ class Tracks:
         self._tracks = {name: recorder.topic(name, metadata=metadata.get(name) or None) for name in self._topics}
         self._skip_empty = skip_empty
 
-    def append(self, cells: Cells, times: Floats, values: Floats, line: int) -> int:
+    def append(self, times: Floats, values: Floats) -> None:
+        """Append rows.
+
+        Args:
+            times: Time stamps, [N], s.
+            values: [N, C]; a field without any of its numbers is absent from the row.
+        """
+        gaps = np.isnan(values)
+        for topic, placements in self._topics.items():
+            keep: Any = slice(None)
+            if self._skip_empty:
+                there = ~gaps[:, [column for one in placements for column in one.columns]].all(axis=1)
+                if not there.any():
+                    continue
+                keep = slice(None) if there.all() else there
+            chosen = times[keep]
+            fields: dict[str, Any] = {}
+            for one in placements:
+                shape = (len(chosen), *one.shape)
+                numbers = values[keep, :][:, one.columns].reshape(shape)
+                _put(fields, one.path, np.ma.MaskedArray(numbers, np.isnan(numbers)))
+            self._tracks[topic].append_columns(_ts=chosen, **fields)
+
+
+class Tracks(Arrays):
+    """The same out of a text file, whose times may be none."""
+
+    def append_from(self, cells: Cells, times: Floats, values: Floats, line: int) -> int:
         """Append rows.
 
         Args:
@@ -72,21 +99,7 @@ class Tracks:
                 raise ForeignFileError(cells.path, f"the row has the time {times[row]!r} s, which is none", line + row)
             cells.bad += int((~good).sum())
             times, values = times[good], values[good]
-        gaps = np.isnan(values)
-        for topic, placements in self._topics.items():
-            keep: Any = slice(None)
-            if self._skip_empty:
-                there = ~gaps[:, [column for one in placements for column in one.columns]].all(axis=1)
-                if not there.any():
-                    continue
-                keep = slice(None) if there.all() else there
-            chosen = times[keep]
-            fields: dict[str, Any] = {}
-            for one in placements:
-                shape = (len(chosen), *one.shape)
-                numbers = values[keep, :][:, one.columns].reshape(shape)
-                _put(fields, one.path, np.ma.MaskedArray(numbers, np.isnan(numbers)))
-            self._tracks[topic].append_columns(_ts=chosen, **fields)
+        self.append(times, values)
         return count
 
 
@@ -121,4 +134,6 @@ class Report:
         if self._progress is not None:
             self._progress(self._rows, self._rows)
         if bad:
-            warnings.warn(f"{self._path}: {bad} cells are no numbers and were left out", UserWarning, stacklevel=4)
+            warnings.warn(
+                f"{self._path}: {bad} cells are no numbers and were left out", ConversionWarning, stacklevel=4
+            )

@@ -69,7 +69,7 @@ def record(
         for numbers, at in cells.read(file, line):
             if note:
                 restored.turn_back(numbers[:, 2:], note, groups, ())
-            line += tracks.append(cells, origin + numbers[:, 1], numbers[:, 2:], line)
+            line += tracks.append_from(cells, origin + numbers[:, 1], numbers[:, 2:], line)
             report.add(len(numbers), at)
     report.finish(cells.bad)
 

@@ -133,7 +133,7 @@ class _Reading:
             numbers = values[:, 2:]
             if self._note:
                 restored.turn_back(numbers, self._note, self._points, self._rotations)
-            line += self._tracks.append(cells, times, numbers, line)
+            line += self._tracks.append_from(cells, times, numbers, line)
             report.add(len(values), at)
         header.skip(cells.lines)
         return cells.bad

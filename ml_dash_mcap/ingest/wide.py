@@ -49,7 +49,7 @@ def record(
         cells = Cells(src, len(names) + 2, on_bad=on_bad)
         line = 2
         for values, at in cells.read(file, line):
-            line += tracks.append(cells, values[:, 1], values[:, 2:], line)
+            line += tracks.append_from(cells, values[:, 1], values[:, 2:], line)
             report.add(len(values), at)
     report.finish(cells.bad)
 

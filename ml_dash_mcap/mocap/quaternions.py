@@ -106,3 +106,14 @@ def _determinant(m: Floats) -> Floats:
 def _length(quaternions: Floats) -> Floats:
     length: Floats = np.sqrt(np.sum(quaternions * quaternions, axis=1))
     return length
+
+
+def to_matrices(quaternions: Floats) -> Floats:
+    """Return the rotation matrices, [N, 3, 3], of unit quaternions x y z w, [N, 4]."""
+    x, y, z, w = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)

@@ -14,7 +14,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import ingest
-from ml_dash_mcap.errors import ConversionError, DestinationExistsError, ForeignFileError, OptionError
+from ml_dash_mcap.errors import (
+    ConversionError,
+    ConversionWarning,
+    DestinationExistsError,
+    ForeignFileError,
+    OptionError,
+)
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from tests.mocap.support import UNIT, read_back, record
@@ -208,7 +214,7 @@ def test_a_quaternion_far_from_length_one_is_an_error_or_missing(tmp_path: Path)
         with pytest.raises(ConversionError, match=r"'robot', field 'quat', _ts=0\.1: .* length 0"):
             recording.export(tmp_path / "x.csv", format="mocap")
         assert not list(tmp_path.glob("*.csv")), "nothing is left of a failed export"
-        with pytest.warns(UserWarning, match="1 values that are no rotations"):
+        with pytest.warns(ConversionWarning, match="1 values that are no rotations"):
             file = recording.export(tmp_path / "x.csv", format="mocap", on_bad="missing")
     assert file.read_text().splitlines()[8] == "1,0.1,,,,,0.0,0.0,0.0"
 
@@ -216,7 +222,7 @@ def test_a_quaternion_far_from_length_one_is_an_error_or_missing(tmp_path: Path)
 def test_a_quaternion_that_looks_like_w_first_draws_a_warning_unless_its_order_is_said(tmp_path: Path) -> None:
     rows = [{"pos": [0.0, 0.0, 0.0], "quat": [1.0, 0.0, 0.0, 0.0], "_ts": at / 10} for at in range(2)]
     with record(tmp_path / "run", {"robot": rows}) as recording:
-        with pytest.warns(UserWarning, match="looks like w x y z"):
+        with pytest.warns(ConversionWarning, match="looks like w x y z"):
             recording.export(tmp_path / "x.csv", format="mocap")
         file = recording.export(tmp_path / "y.csv", format="mocap", quat_order="wxyz")
     assert file.read_text().splitlines()[7] == "0,0.0,0.0,0.0,0.0,1.0,0.0,0.0,0.0"
@@ -404,6 +410,6 @@ def test_a_broken_file_is_an_error_with_its_line(change: Any, message: str, tmp_
 def test_bad_cells_are_counted_and_left_out_where_that_is_allowed(tmp_path: Path) -> None:
     file = tmp_path / "demo.csv"
     file.write_text((HEADER + BODY).replace("0.134648", "###").replace(",,,\n", ",,\n"))
-    with pytest.warns(UserWarning, match="2 cells"):
+    with pytest.warns(ConversionWarning, match="2 cells"):
         back = read_back(file, tmp_path / "back", on_bad="missing")
     assert back["robot"][0]["quat"] == [None, -0.977050, -0.111668, 0.121543]
