@@ -160,7 +160,7 @@ def test_spacings_that_vary_are_one_finding(tmp_path: Path) -> None:
     record(tmp_path, (np.arange(1000) + 0.45 * rng.random(1000)) / 100)
     (found,) = check(tmp_path)
     assert (found.topic, found.kind) == ("robot", "irregular")
-    assert found.what.startswith("rows come every 0.0")
+    assert found.what.startswith("the spacings vary: 0.0")
 
 
 def test_a_hole_in_an_irregular_topic_is_a_gap_if_it_is_clearly_longer_than_the_rest(tmp_path: Path) -> None:
@@ -289,9 +289,12 @@ def test_a_damaged_chunk_is_told_and_the_others_are_judged(tmp_path: Path) -> No
     data = bytearray(path.read_bytes())
     data[chunk.offset + chunk.length - 10] ^= 1
     path.write_bytes(data)
-    report = check(tmp_path)
-    assert [(one.topic, one.kind) for one in report][:2] == [(None, "damage"), ("robot", "missing")]
-    assert f"{path}, byte {chunk.offset}: " in report.findings[0].what
+    for on_damage in ("raise", "skip"):
+        with Recording(tmp_path, on_damage=on_damage) as rec:
+            report = rec.check()
+            assert [(one.topic, one.kind) for one in report][:2] == [(None, "damage"), ("robot", "missing")]
+            assert f"{path}, byte {chunk.offset}: " in report.findings[0].what
+            assert list(rec.check()) == list(report)
 
 
 def test_a_file_that_was_cut_is_told(tmp_path: Path) -> None:

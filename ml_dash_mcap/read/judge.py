@@ -141,7 +141,8 @@ def _judge_spacings(times: Times, spacings: Times, usual_ns: float, notes: _Note
     if float((np.abs(near - usual_ns) > _OFF * usual_ns).mean()) <= _SHARE_OFF:
         return longest_ns
     low, middle, high = (float(one) for one in np.quantile(spacings, (1 - _SELDOM, 0.5, _SELDOM)))
-    what = f"rows come every {said(middle / 1e9)}, but nine in ten times {said(low / 1e9)} to {said(high / 1e9)} apart"
+    ends = f"{said(low / clock.NS_PER_S)} and {said(high / clock.NS_PER_S)}"
+    what = f"the spacings vary: {said(middle / clock.NS_PER_S)} in the middle, nine in ten between {ends}"
     notes.add("irregular", int(times[0]), what)
     return gaps.USUAL_FACTOR * high
 
