@@ -35,8 +35,8 @@ EPISODE_TOPIC = OWN_TOPICS + "episodes"
 KIND_KEY = "kind"
 """In a channel's metadata: one of the kinds below."""
 
-TRACK, LOG, METRIC, FILE, EPISODE = "track", "log", "metric", "file", "episode"
-"""Only the rows of tracks merge."""
+TRACK, LOG, METRIC, FILE, EPISODE, MESSAGE = "track", "log", "metric", "file", "episode", "message"
+"""Only the rows of tracks merge. Messages are other people's, converted."""
 
 LARGE_BYTES = 32 * 1024 * 1024
 LARGE_RATIO = 200

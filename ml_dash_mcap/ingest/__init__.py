@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import inspect
+import tempfile
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
@@ -17,12 +18,15 @@ Progress = Callable[[int, int], object]
 """Called now and then with the rows done and the rows in all."""
 
 FORMATS: Mapping[str, str] = {
+    "rosbag1": "rosbag",
+    "rosbag2": "rosbag",
     "mocap": "motive",
     "sto": "sto",
     "trc": "trc",
     "qtm": "qtm",
     "vicon": "vicon",
     "wide": "wide",
+    "c3d": "c3d",
 }
 """Formats, to the module here that reads them.
 
@@ -74,6 +78,34 @@ def record(
         if option not in taken:
             raise UsageError(f"reading {name!r} has no option {option!r}; it has {', '.join(taken) or 'none'}")
     read(place, recorder, progress=progress, **options)
+
+
+def is_foreign(path: str | Path) -> bool:
+    """Whether what is at a path must become a recording before it can be read as one.
+
+    A rosbag2 folder of MCAP files need not, unless we exported it: then its rows come back as they were.
+    """
+    name = detect(path)
+    if name is None:
+        return False
+    reads_as_it_is = getattr(_load(FORMATS[name]), "is_read_as_it_is", None)
+    return reads_as_it_is is None or not reads_as_it_is(Path(path))
+
+
+def as_folder(path: str | Path) -> tempfile.TemporaryDirectory[str]:
+    """Return a temporary folder with a recording of what is in a foreign file or folder.
+
+    Raises:
+        As `record`; then there is no folder.
+    """
+    folder = tempfile.TemporaryDirectory(prefix="ml_dash_mcap-")
+    try:
+        with Recorder(folder.name, prefix=Path(path).name) as recorder:
+            record(path, recorder)
+    except BaseException:
+        folder.cleanup()
+        raise
+    return folder
 
 
 def _load(module: str) -> ModuleType:

@@ -19,6 +19,9 @@ SEPARATOR = "=" * 80
 _HEADER = "builtin_interfaces/Time stamp\nstring frame_id\n"
 _HEADER_ROS1 = "uint32 seq\ntime stamp\nstring frame_id\n"
 _TIME = "int32 sec\nuint32 nanosec\n"
+_TEXTS = ("topic", "description")
+"""What is said of a topic as it is; all else is JSON in a text, for the sake of its brackets."""
+
 _UNIT = re.compile(r"[^\[\],#\n]{1,40}")
 _SECTION = re.compile(r"^MSG: *(?:\w+/)(?:msg/)?(\w+) *$")
 
@@ -116,7 +119,7 @@ def _describe(message: Message) -> str:
         fields[one.name] = said
     described: dict[str, Any] = {"version": 1, **({"stated": True} if message.is_stated else {}), "fields": fields}
     for name, value in message.about.items():
-        described[name] = value if isinstance(value, str) else json.dumps(value)
+        described[name] = value if name in _TEXTS else json.dumps(value)
     return json.dumps(described).replace("[", "\\u005b").replace("]", "\\u005d")
 
 
@@ -129,5 +132,5 @@ def _message(name: str, described: Mapping[str, dict[str, Any]], *, is_row: bool
         shape = None if spelled == "*" else tuple(int(length) for length in spelled.split("x") if length)
         fields.append(Field(one.get("key", field_name), field_name, one["kind"], shape, inner, one.get("integers")))
     known = ("version", "stated", "fields")
-    about = {key: value if key == "topic" else json.loads(value) for key, value in said.items() if key not in known}
+    about = {key: value if key in _TEXTS else json.loads(value) for key, value in said.items() if key not in known}
     return Message(name, tuple(fields), bool(said.get("stated", False)), is_row, about)

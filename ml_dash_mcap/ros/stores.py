@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from ..errors import ConversionError
+from ..errors import ConversionError, EncodingError
 from .columns import Struct, from_definitions
 
 _TF = "tf2_msgs/msg/TFMessage"
@@ -56,6 +56,21 @@ def definition(name: str, *, is_ros1: bool = False) -> Definition:
     found = store(is_ros1=is_ros1)
     text, md5 = found.generate_msgdef(name, ros_version=1 if is_ros1 else 2)
     return Definition(text, md5 if is_ros1 else found.hash_rihs01(name))
+
+
+def known(name: str) -> str:
+    """Return the definition of a standard message of any distribution, for bags that do not have it.
+
+    Raises:
+        EncodingError: No distribution has it.
+    """
+    parts = name.split("/")
+    full = f"{parts[0]}/msg/{parts[-1]}"
+    for which in (Stores.ROS2_JAZZY, Stores.ROS2_HUMBLE, Stores.ROS2_FOXY):
+        found = get_typestore(which)
+        if full in found.fielddefs:
+            return found.generate_msgdef(full, ros_version=2)[0]
+    raise EncodingError("the bag does not define it, and it is no standard message")
 
 
 def digest(name: str, text: str, *, is_ros1: bool = False) -> str:

@@ -1,0 +1,295 @@
+"""Other people's bags become recordings, whatever ROS made them and however they are damaged."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from ml_dash_mcap import ingest
+from ml_dash_mcap.convert import convert
+from ml_dash_mcap.errors import (
+    ConversionWarning,
+    DamagedFileError,
+    EncodingError,
+    FormatError,
+    MissingRecordingError,
+    OptionError,
+    UsageError,
+)
+from ml_dash_mcap.recording import Recording
+from tests.support import shared
+from tests.support.bags import export, record, robot_rows
+
+Row = dict[str, Any]
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+STORE.register(
+    get_types_from_msg("uint8[] data\nfloat32[2] pair\nstring class\ntime_msgs/Inner[] inner", "time_msgs/msg/Odd")
+)
+STORE.register(get_types_from_msg("int64 n", "time_msgs/msg/Inner"))
+
+
+def odd(number: int) -> Any:
+    inner = STORE.types["time_msgs/msg/Inner"]
+    return STORE.types["time_msgs/msg/Odd"](
+        np.array([number, 255], np.uint8), np.array([0.5, number], np.float32), "word", [inner(number)] * number
+    )
+
+
+def stamped(number: int) -> Any:
+    types = STORE.types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](100 + number, 5), "map")
+    return types["geometry_msgs/msg/PointStamped"](header, types["geometry_msgs/msg/Point"](1.0, 2.0, 3.0))
+
+
+def write_rosbag2(
+    folder: Path, plugin: StoragePlugin = StoragePlugin.MCAP, mode: CompressionMode = CompressionMode.NONE
+) -> Path:
+    """Write a bag with rosbags: three odd messages and three with a header, two of each at one time."""
+    writer = Ros2Writer(folder, version=9, storage_plugin=plugin)
+    if mode != CompressionMode.NONE:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        odds = writer.add_connection("/odd", "time_msgs/msg/Odd", typestore=STORE)
+        points = writer.add_connection("/point", "geometry_msgs/msg/PointStamped", typestore=STORE)
+        for number, time_ns in enumerate((1_000_000_000, 2_000_000_000, 2_000_000_000)):
+            writer.write(odds, time_ns, STORE.serialize_cdr(odd(number), odds.msgtype))
+            writer.write(points, time_ns, STORE.serialize_cdr(stamped(number), points.msgtype))
+    return folder
+
+
+ODD_ROWS = [
+    {"data": bytes([number, 255]), "pair": [0.5, float(number)], "class": "word", "inner": [{"n": number}] * number}
+    for number in range(3)
+]
+
+
+def converted(src: Path, dest: Path, **options: Any) -> dict[str, list[Row]]:
+    with Recording(convert(src, dest, **options)) as recording:
+        return {topic: list(recording[topic].rows()) for topic in recording.topics}
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+@pytest.mark.parametrize("mode", list(CompressionMode))
+def test_a_rosbag2_folder_becomes_rows_compressed_or_not(
+    tmp_path: Path, plugin: StoragePlugin, mode: CompressionMode
+) -> None:
+    impossible = (StoragePlugin.SQLITE3, CompressionMode.STORAGE), (StoragePlugin.MCAP, CompressionMode.MESSAGE)
+    if (plugin, mode) in impossible:
+        return
+    rows = converted(write_rosbag2(tmp_path / "bag", plugin, mode), tmp_path / "run")
+    times = [1.0, 2.0, 2.0]
+    assert rows["/odd"] == [{**row, "_ts": time} for row, time in zip(ODD_ROWS, times, strict=True)]
+    assert [row["_ts"] for row in rows["/point"]] == times
+    assert rows["/point"][1] == {
+        "header": {"stamp": {"sec": 101, "nanosec": 5}, "frame_id": "map"},
+        "point": {"x": 1.0, "y": 2.0, "z": 3.0},
+        "_ts": 2.0,
+    }
+
+
+def test_the_headers_stamps_are_the_times_where_asked(tmp_path: Path) -> None:
+    rows = converted(write_rosbag2(tmp_path / "bag"), tmp_path / "run", time="header")
+    assert [row["_ts"] for row in rows["/point"]] == [100.000000005, 101.000000005, 102.000000005]
+    assert [row["_ts"] for row in rows["/odd"]] == [1.0, 2.0, 2.0]
+
+
+def test_some_topics_can_be_chosen_and_progress_is_told(tmp_path: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    rows = converted(
+        write_rosbag2(tmp_path / "bag"),
+        tmp_path / "run",
+        topics=["/odd"],
+        progress=lambda done, total: seen.append((done, total)),
+    )
+    assert sorted(rows) == ["/odd"]
+    assert seen[-1] == (6, 6)
+
+
+def test_a_ros_1_bag_becomes_rows(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    types = store.types
+    with Ros1Writer(tmp_path / "in.bag") as writer:
+        connection = writer.add_connection("/point", "geometry_msgs/msg/PointStamped", typestore=store)
+        for number in range(3):
+            header = types["std_msgs/msg/Header"](number, types["builtin_interfaces/msg/Time"](5, 6), "map")
+            message = types["geometry_msgs/msg/PointStamped"](header, types["geometry_msgs/msg/Point"](1.0, 2.0, 3.0))
+            writer.write(connection, 10**9 * number, store.serialize_ros1(message, connection.msgtype))
+    rows = converted(tmp_path / "in.bag", tmp_path / "run")["/point"]
+    assert rows[2] == {
+        "header": {"seq": 2, "stamp": {"secs": 5, "nsecs": 6}, "frame_id": "map"},
+        "point": {"x": 1.0, "y": 2.0, "z": 3.0},
+        "_ts": 2.0,
+    }
+    assert converted(tmp_path / "in.bag", tmp_path / "run2", time="header")["/point"][0]["_ts"] == 5.000000006
+
+
+def test_a_file_of_a_bag_can_be_read_alone(tmp_path: Path) -> None:
+    write_rosbag2(tmp_path / "sq", StoragePlugin.SQLITE3)
+    assert len(converted(tmp_path / "sq/sq.db3", tmp_path / "run")["/odd"]) == 3
+    write_rosbag2(tmp_path / "mc")
+    assert len(converted(tmp_path / "mc/mc.mcap", tmp_path / "run2")["/odd"]) == 3
+
+
+def test_a_folder_without_its_metadata_is_read_by_its_files(tmp_path: Path) -> None:
+    bag = write_rosbag2(tmp_path / "sq", StoragePlugin.SQLITE3)
+    (bag / "metadata.yaml").unlink()
+    assert len(converted(bag, tmp_path / "run")["/odd"]) == 3
+
+
+# -- what cannot be read ----------------------------------------------------------------------------------------------
+
+
+def refused(src: Path, tmp_path: Path, error: type[Exception], match: str, **options: Any) -> None:
+    with pytest.raises(error, match=match):
+        convert(src, tmp_path / "to/run", **options)
+    assert not list(tmp_path.glob("to/*"))
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    bag = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3)
+    (bag / "bag.db3").unlink()
+    refused(bag, tmp_path, MissingRecordingError, r"bag\.db3")
+
+
+def test_a_file_outside_the_folder_is_refused(tmp_path: Path) -> None:
+    bag = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3)
+    text = (bag / "metadata.yaml").read_text().replace("bag.db3", "../bag.db3")
+    (bag / "metadata.yaml").write_text(text)
+    refused(bag, tmp_path, MissingRecordingError, "outside")
+
+
+@pytest.mark.parametrize("text", ["rosbag2_bagfile_information: [", "rosbag2_bagfile_information"])
+def test_broken_metadata_are_named(tmp_path: Path, text: str) -> None:
+    bag = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3)
+    (bag / "metadata.yaml").write_text(text)
+    refused(bag, tmp_path, DamagedFileError, r"metadata\.yaml")
+
+
+@pytest.mark.parametrize("part", [0.3, 0.7, 0.95])
+def test_a_truncated_bag_is_an_error_that_names_it(tmp_path: Path, part: float) -> None:
+    record(tmp_path / "in", {"robot": [{**row, "_ts": 1.0 + number} for number, row in enumerate(robot_rows(300))]})
+    bag = export(tmp_path / "in", tmp_path / "in.bag", "rosbag1")
+    folder = export(tmp_path / "in", tmp_path / "sq", storage="sqlite3")
+    for path in (bag, folder / "sq_0.db3"):
+        data = path.read_bytes()
+        path.write_bytes(data[: int(len(data) * part)])
+        refused(path, tmp_path, DamagedFileError, path.name)
+
+
+def test_what_is_no_bag_is_told_from_one(tmp_path: Path) -> None:
+    (tmp_path / "x.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
+    refused(tmp_path / "x.bag", tmp_path, DamagedFileError, r"x\.bag")
+    base = sqlite3.connect(tmp_path / "x.db3")
+    base.execute("CREATE TABLE topics(id INTEGER)")
+    base.commit()
+    base.close()
+    refused(tmp_path / "x.db3", tmp_path, DamagedFileError, "no bag")
+    (tmp_path / "x.txt").write_text("text")
+    assert ingest.detect(tmp_path / "x.txt") is None
+    assert ingest.detect(tmp_path / "nothing") is None
+    refused(tmp_path / "x.txt", tmp_path, FormatError, "format=")
+
+
+def test_a_type_that_nobody_knows_is_named_or_left_out(tmp_path: Path) -> None:
+    bag = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3)
+    base = sqlite3.connect(bag / "bag.db3")
+    base.execute("DELETE FROM message_definitions")
+    base.commit()
+    base.close()
+    refused(bag, tmp_path, EncodingError, r"topic '/odd' of type 'time_msgs/msg/Odd'.*definitions=")
+    with pytest.warns(ConversionWarning, match="/odd"):
+        assert sorted(converted(bag, tmp_path / "skipped", on_unknown="skip")) == ["/point"]
+    text = "uint8[] data\nfloat32[2] pair\nstring class\ntime_msgs/Inner[] inner\n===\nMSG: time_msgs/Inner\nint64 n\n"
+    given = converted(bag, tmp_path / "given", definitions={"time_msgs/Odd": text})
+    assert given["/odd"][1]["data"] == bytes([1, 255])
+
+
+def test_messages_that_are_not_of_their_type_are_named(tmp_path: Path) -> None:
+    bag = write_rosbag2(tmp_path / "bag", StoragePlugin.SQLITE3)
+    base = sqlite3.connect(bag / "bag.db3")
+    base.execute("UPDATE messages SET data = X'0001000000' WHERE id = 2")
+    base.commit()
+    base.close()
+    refused(bag, tmp_path, DamagedFileError, r"'/point' at 1000000000 ns is no geometry_msgs")
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "match"),
+    [
+        ({"time": "receive"}, OptionError, "time='receive'"),
+        ({"on_unknown": "warn"}, OptionError, "on_unknown='warn'"),
+        ({"times": "log"}, UsageError, "no option 'times'"),
+    ],
+)
+def test_an_option_that_makes_no_sense_is_named(
+    tmp_path: Path, options: dict[str, Any], error: type[Exception], match: str
+) -> None:
+    refused(write_rosbag2(tmp_path / "bag"), tmp_path, error, match, **options)
+
+
+# -- bags from the wild -----------------------------------------------------------------------------------------------
+
+
+def counts(src: Path, dest: Path, **options: Any) -> dict[str, int]:
+    with Recording(convert(src, dest, **options)) as recording:
+        return {topic: info.count for topic, info in recording.topics.items()}
+
+
+@pytest.mark.parametrize("name", ["a-turtlesim-none.bag", "a-turtlesim-bz2.bag"])
+def test_the_turtles_of_ros_1(tmp_path: Path, name: str) -> None:
+    with Recording(convert(shared.file(f"rosbag1/{name}"), tmp_path / "run")) as recording:
+        assert sum(info.count for info in recording.topics.values()) == 8647
+        assert recording.topics["/tf"].count == 2688
+        assert recording.duration == pytest.approx(21.7, abs=0.1)
+        row = next(iter(recording["/tf"].rows()))
+        assert sorted(row["transforms"][0]) == ["child_frame_id", "header", "transform"]
+
+
+def test_chunks_that_are_not_in_order(tmp_path: Path) -> None:
+    with Recording(convert(shared.file("rosbag1/a-unsorted-chunks.bag"), tmp_path / "run")) as recording:
+        assert recording.topics["foo"].count == 3
+        assert recording.duration == pytest.approx(2.0, abs=0.01)
+
+
+def test_a_bag_of_humble_without_definitions_needs_those_of_its_own_types(tmp_path: Path) -> None:
+    src = shared.file("rosbag2/a-humble-turtlesim-sqlite3")
+    with pytest.raises(EncodingError, match="turtlesim/msg/Pose"):
+        convert(src, tmp_path / "run")
+    text = "float32 x\nfloat32 y\nfloat32 theta\nfloat32 linear_velocity\nfloat32 angular_velocity\n"
+    assert counts(src, tmp_path / "run", definitions={"turtlesim/msg/Pose": text}) == {
+        "/turtle1/cmd_vel": 475,
+        "/turtle1/pose": 2245,
+    }
+
+
+def test_a_bag_of_foxy_in_five_files(tmp_path: Path) -> None:
+    found = counts(shared.file("rosbag2/a-foxy-split5-sqlite3"), tmp_path / "run")
+    assert sorted(found) == [letter * 3 for letter in "ABCDEFGH"]
+    assert sum(found.values()) == 6074
+    with Recording(tmp_path / "run") as recording:
+        assert (recording.start, recording.end) == (1000e-9, 2998e-9)
+
+
+def test_a_bag_of_services_without_metadata(tmp_path: Path) -> None:
+    src = shared.file("rosbag2/a-rolling2023-services-nometa-mcap")
+    shutil.copytree(src, tmp_path / "bag")
+    found = counts(tmp_path / "bag/topics_and_services.mcap", tmp_path / "run")
+    assert {topic: count for topic, count in found.items() if count} == {
+        "/parameter_events": 7,
+        "/add_two_ints/_service_event": 6,
+    }
+
+
+def test_a_bag_of_humble_in_mcap(tmp_path: Path) -> None:
+    found = counts(shared.file("rosbag2/a-humble-imu-jointstate-mcap"), tmp_path / "run")
+    assert found == {"/one_shot/imu": 1, "/one_shot/joint_state": 1}
