@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from html import escape
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import orjson
@@ -20,12 +21,14 @@ from .export.destination import refuse_existing
 from .export.job import Progress
 from .layout import (
     ABOUT_RECORD,
+    ACTIVE_SUFFIX,
     FILE_TOPIC,
     LOG_TOPIC,
     METRIC_TOPICS,
     OWN_TOPICS,
     PARAMETERS_RECORD,
     RUN_RECORD,
+    SEGMENT_SUFFIX,
     SESSION_GLOB,
 )
 from .lookup import Lookup, not_found
@@ -68,7 +71,8 @@ class Recording:
         """Open a recording.
 
         Args:
-            path: A run's folder or one file; or several of them, which are read as one recording.
+            path: A run's folder or one file; or several of them, which are read as one recording. A ROS bag or another
+                foreign file is converted into a temporary recording first; `convert` makes one that stays.
             on_damage: "raise" a DamagedFileError where a file is damaged, or "skip" what cannot be read and note it in
                 `losses`. A file that is no MCAP file can be skipped too, unless it is all that was asked for.
             limits: How much memory the files may ask for; None for the defaults, which suit files from outside.
@@ -88,10 +92,16 @@ class Recording:
         """What was opened; of several, the first."""
         self._closed = False
         self._infos: dict[str, TopicInfo] = {}
+        self._converted: list[TemporaryDirectory[str]] = []
         for one in paths:
             if one.is_dir():
                 _fold_in_leftovers(one)
-        self._segments = Segments(paths, limits or Limits(), salvages=on_damage == "skip")
+        try:
+            opened = [self._as_recording(one) for one in paths]
+            self._segments = Segments(opened, limits or Limits(), salvages=on_damage == "skip")
+        except BaseException:
+            self._remove_converted()
+            raise
 
     @property
     def segments(self) -> list[Path]:
@@ -362,12 +372,29 @@ class Recording:
         """Close the files. May be called twice."""
         self._closed = True
         self._segments.close()
+        self._remove_converted()
 
     def __enter__(self) -> Recording:
         return self
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+    def _as_recording(self, path: Path) -> Path:
+        """Return where to read what is at a path: there, or in a temporary place if it is in another format."""
+        if not _may_be_foreign(path):
+            return path
+        from . import ingest  # which loads the writing side
+
+        if not ingest.is_foreign(path):
+            return path
+        folder = ingest.as_folder(path)
+        self._converted.append(folder)
+        return Path(folder.name)
+
+    def _remove_converted(self) -> None:
+        while self._converted:
+            self._converted.pop().cleanup()
 
     def __repr__(self) -> str:
         if self._closed:
@@ -437,6 +464,13 @@ class _View:
 
     files: Callable[[], Sequence[File]]
     info: Callable[[str], TopicInfo]
+
+
+def _may_be_foreign(path: Path) -> bool:
+    """Whether it is worth looking closer at what is at a path."""
+    if path.is_dir():
+        return (path / "metadata.yaml").exists() or next(path.glob("*.db3*"), None) is not None
+    return path.is_file() and not path.name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX)
 
 
 def _fold_in_leftovers(folder: Path) -> None:
