@@ -11,12 +11,13 @@ import threading
 import time
 import uuid
 import weakref
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, TypeVar
 
 from . import clock
+from .annotations import NOTHING_SAID, collect
 from .errors import FieldError, PrefixError, StorageError, TopicError, UsageError
 from .layout import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
 from .options import RecorderOptions
@@ -76,8 +77,10 @@ class Recorder:
         recover(self.path)
         self._channels: dict[int, ChannelInfo] = {}
         self._topics: dict[tuple[str, str], Topic] = {}
+        self._said: dict[tuple[str, str], dict[str, Any]] = {}
+        """The metadata of topics."""
         self._topics_lock = threading.RLock()
-        """Guards `_channels` and `_topics` while one is added."""
+        """Guards `_channels`, `_topics` and `_said` while one is added."""
         self._numbers = itertools.count(1)
         about = self._about(prefix, metadata or {})
         self._journal = Journal(SessionFiles(self.path, self.session, self.options, about), self.options)
@@ -120,6 +123,10 @@ class Recorder:
         description: str | None = None,
         tags: Iterable[str] | None = None,
         metadata: Mapping[str, Any] | None = None,
+        units: Mapping[str, str] | None = None,
+        joint_names: Sequence[str] | None = None,
+        frame_id: str | None = None,
+        quat_order: str | None = None,
     ) -> Topic:
         """Return a topic, the same object for the same name.
 
@@ -128,16 +135,24 @@ class Recorder:
             description: What the topic holds.
             tags: Words to find it by.
             metadata: Anything else, as JSON can say it.
+            units: Dotted field name to its unit, such as `{"q": "rad"}`. Exports to ROS and mocap formats go by these and
+                by the following; all are kept in the metadata.
+            joint_names: Of the elements of joint angles, velocities and torques.
+            frame_id: What positions, orientations and vectors are relative to.
+            quat_order: "xyzw" or "wxyz", of all quaternions of the topic.
 
         Raises:
             TopicError: The name is empty, too long, or not text.
+            FieldError: What is said of it is not what it should be.
             StateError: The recorder is closed.
         """
         found = self._topics.get((TRACK, name)) if isinstance(name, str) else None
-        if found is not None and description is None and tags is None and metadata is None:
+        said = (description, tags, metadata, units, joint_names, frame_id, quat_order)
+        if found is not None and said == NOTHING_SAID:
             return found
         check_topic(name)
-        return self._open(name, TRACK, Topic, description=description, tags=tags, metadata=metadata)
+        more = collect(units, joint_names, frame_id, quat_order)
+        return self._open(name, TRACK, Topic, description=description, tags=tags, metadata=metadata, more=more)
 
     def topics(self) -> list[str]:
         """Return the names of the tracks opened so far, sorted."""
@@ -154,10 +169,18 @@ class Recorder:
         metadata: Mapping[str, Any] | None = None,
         schema: Mapping[str, Any] | None = None,
         schema_name: str | None = None,
+        more: Mapping[str, Any] | None = None,
     ) -> T:
-        """Return a topic of any kind, registering it first; its description may come later."""
-        said = _topic_metadata(description, tags, metadata)
+        """Return a topic of any kind, registering it first; its description may come later.
+
+        `metadata` takes the place of what was said before, `more` is added to it.
+        """
         with self._topics_lock:
+            if more:
+                metadata = {**(metadata if metadata is not None else self._said.get((kind, name), {})), **more}
+            said = _topic_metadata(description, tags, metadata)
+            if metadata is not None:
+                self._said[(kind, name)] = dict(metadata)
             topic = self._topics.get((kind, name))
             new = topic is None
             if topic is None:

@@ -121,12 +121,22 @@ class Session:
         description: str | None = None,
         tags: Sequence[str] | None = None,
         metadata: Mapping[str, Any] | None = None,
+        *,
+        units: Mapping[str, str] | None = None,
+        joint_names: Sequence[str] | None = None,
+        frame_id: str | None = None,
+        quat_order: str | None = None,
     ) -> SessionTrack:
         """Return the track of that name, the same object each time.
 
         Args:
             name: Such as "robot/position/left-camera".
             description: Kept with the track, as are `tags` and `metadata`; they may come at any call.
+            units: Dotted field name to its unit, such as `{"q": "rad"}`. Exports to ROS and mocap formats go by these and
+                by the following; all are kept in the metadata.
+            joint_names: Of the elements of joint angles, velocities and torques.
+            frame_id: What positions, orientations and vectors are relative to.
+            quat_order: "xyzw" or "wxyz", of all quaternions of the topic.
 
         Raises:
             TopicError: The name is empty, too long, or one of the library's own.
@@ -135,7 +145,16 @@ class Session:
         live = self._run.live
         if live is None:
             raise _closed("track")
-        return live.tracks(name, description, tags, metadata)
+        return live.tracks(
+            name,
+            description,
+            tags,
+            metadata,
+            units=units,
+            joint_names=joint_names,
+            frame_id=frame_id,
+            quat_order=quat_order,
+        )
 
     @property
     def tracks(self) -> Tracks[SessionTrack]:

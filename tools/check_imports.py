@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent / PACKAGE
 
 FLOORS: list[set[str]] = [
     {"version", "errors", "clock", "layout"},
-    {"options", "timestamps", "paths", "definitions", "lookup"},
+    {"options", "timestamps", "paths", "definitions", "lookup", "annotations"},
     {"rows"},
     {"ros", "mocap"},
     {"write", "read"},

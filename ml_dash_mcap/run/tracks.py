@@ -7,6 +7,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Generic, TypeVar, overload
 
+from ..annotations import NOTHING_SAID, collect
 from ..errors import EntryNotFoundError, FieldError, RangeError
 from ..layout import TRACK
 from ..recorder import Recorder
@@ -195,12 +196,22 @@ class Tracks(Generic[TrackT]):
         description: str | None = None,
         tags: Sequence[str] | None = None,
         metadata: Mapping[str, Any] | None = None,
+        *,
+        units: Mapping[str, str] | None = None,
+        joint_names: Sequence[str] | None = None,
+        frame_id: str | None = None,
+        quat_order: str | None = None,
     ) -> TrackT:
         """Return the track of a topic, the same object each time.
 
         Args:
             topic: Such as "robot/pose".
             description: Kept with the topic, as are `tags` and `metadata`; they may come at any call.
+            units: Dotted field name to its unit, such as `{"q": "rad"}`. Exports to ROS and mocap formats go by these and
+                by the following; all are kept in the metadata.
+            joint_names: Of the elements of joint angles, velocities and torques.
+            frame_id: What positions, orientations and vectors are relative to.
+            quat_order: "xyzw" or "wxyz", of all quaternions of the topic.
 
         Raises:
             TopicError: The topic is empty, too long, or one of the library's own.
@@ -208,10 +219,14 @@ class Tracks(Generic[TrackT]):
             StateError: The run has ended.
         """
         track = self._opened.get(topic) if isinstance(topic, str) else None
-        if track is not None and description is None and tags is None and metadata is None:
+        said = (description, tags, metadata, units, joint_names, frame_id, quat_order)
+        if track is not None and said == NOTHING_SAID:
             return track
         check_topic(topic)
-        track = self._recorder._open(topic, TRACK, self._kind, description=description, tags=tags, metadata=metadata)
+        more = collect(units, joint_names, frame_id, quat_order)
+        track = self._recorder._open(
+            topic, TRACK, self._kind, description=description, tags=tags, metadata=metadata, more=more
+        )
         track.bind(self._readback)
         self._opened[topic] = track
         return track
