@@ -207,8 +207,8 @@ class Tracks(Generic[TrackT]):
         Args:
             topic: Such as "robot/pose".
             description: Kept with the topic, as are `tags` and `metadata`; they may come at any call.
-            units: Dotted field name to its unit, such as `{"q": "rad"}`. Exports to ROS and mocap formats go by these and
-                by the following; all are kept in the metadata.
+            units: Dotted field name to its unit, such as `{"q": "rad"}`. Exports to ROS and mocap formats go by these
+                and by the following; all are kept in the metadata.
             joint_names: Of the elements of joint angles, velocities and torques.
             frame_id: What positions, orientations and vectors are relative to.
             quat_order: "xyzw" or "wxyz", of all quaternions of the topic.
