@@ -21,7 +21,7 @@ Bytes = bytes | memoryview
 class Fields:
     """A record's content, read field by field; whatever would leave it is a `DamagedFileError`."""
 
-    __slots__ = ("_base", "_data", "_end", "_path", "at")
+    __slots__ = ("_base", "_data", "_path", "at", "end")
 
     def __init__(self, data: Bytes, path: str, base: int = 0, start: int = 0, end: int | None = None) -> None:
         """Begin at the start of a content.
@@ -36,7 +36,7 @@ class Fields:
         self._data = data
         self._path = path
         self._base = base
-        self._end = len(data) if end is None else end
+        self.end = len(data) if end is None else end
         self.at = start
 
     def u16(self) -> int:
@@ -99,8 +99,8 @@ class Fields:
 
     def _end_of_map(self) -> int:
         length = self.u32()
-        if length > self._end - self.at:
-            self.refuse(f"a map of {length} bytes in a record that has {self._end - self.at} left")
+        if length > self.end - self.at:
+            self.refuse(f"a map of {length} bytes in a record that has {self.end - self.at} left")
         return self.at + length
 
     def _check_end_of_map(self, end: int) -> None:
@@ -109,7 +109,7 @@ class Fields:
 
     def _take(self, length: int) -> int:
         start = self.at
-        if length > self._end - start:
-            self.refuse(f"a field of {length} bytes in a record that has {self._end - start} left")
+        if length > self.end - start:
+            self.refuse(f"a field of {length} bytes in a record that has {self.end - start} left")
         self.at = start + length
         return start

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 from ..errors import DamagedFileError
 from . import index, records, summary, walk
 from .fields import Fields
 from .index import FileIndex, Glance
 from .limits import Limits
+from .losses import Loss
 from .records import Header, Opcode
 from .source import Source
 
@@ -24,7 +28,11 @@ def glance(source: Source, limits: Limits, *, is_new: bool) -> Glance | None:
     found = None if started is None else summary.footer(source, size)
     if started is None or found is None:
         return None
-    return summary.glance(source, size, started[0], found, limits)
+    try:
+        header = records.header(started)
+    except DamagedFileError:
+        return None
+    return summary.glance(source, size, header, found, limits)
 
 
 def load(
@@ -51,23 +59,37 @@ def load(
     started = _start(source, size, is_new)
     if started is None:
         return index.empty(source.name)
-    header, first = started
-    how = walk.Walk(source, size, header, limits, is_new=is_new, salvages=salvages)
+    header, losses = _header(started, source.name, salvages)
+    found = _indexed(walk.Walk(source, size, header, limits, is_new=is_new, salvages=salvages), started.end, previous)
+    return replace(found, losses=(*losses, *found.losses))
+
+
+def _header(content: Fields, path: str, salvages: bool) -> tuple[Header, tuple[Loss, ...]]:
+    """Return a file's header, and what is lost of it: what only it says matters to nobody."""
+    try:
+        return records.header(content), ()
+    except DamagedFileError as error:
+        if not salvages:
+            raise
+        return Header("", ""), (Loss(Path(path), error.offset, f"the file's header: {error.what}", 0),)
+
+
+def _indexed(how: walk.Walk, first: int, previous: FileIndex | None) -> FileIndex:
+    source, size, limits = how.source, how.size, how.limits
     found = summary.footer(source, size)
     if found is None:
-        resumable = previous if previous is not None and first <= previous.end <= size else None
-        return how.unfinished(first, resumable)
+        return how.unfinished(first, previous if previous is not None and first <= previous.end <= size else None)
     try:
-        by_summary = summary.read(source, size, header, found, limits)
+        by_summary = summary.read(source, size, how.header, found, limits)
     except DamagedFileError:
         by_summary = None
     if by_summary is not None:
         return by_summary
-    return how.finished(first, summary.clues(source, size, found, limits) if salvages else None)
+    return how.finished(first, summary.clues(source, size, found, limits) if how.salvages else None)
 
 
-def _start(source: Source, size: int, is_new: bool) -> tuple[Header, int] | None:
-    """Return a file's header and where the record behind it starts; None while it has none."""
+def _start(source: Source, size: int, is_new: bool) -> Fields | None:
+    """Return the content of a file's header; None while it has none."""
     head = source.read(0, min(size, _HEAD_BYTES))
     magic = head[: len(records.MAGIC)]
     if is_new and records.MAGIC.startswith(magic) and len(head) < len(records.MAGIC) + records.PREFIX_BYTES:
@@ -85,4 +107,4 @@ def _start(source: Source, size: int, is_new: bool) -> tuple[Header, int] | None
         if is_new and end > size:
             return None
         raise DamagedFileError(source.name, at, "an MCAP file without a header")
-    return records.header(Fields(head, source.name, 0, at + records.PREFIX_BYTES, end)), end
+    return Fields(head, source.name, 0, at + records.PREFIX_BYTES, end)

@@ -44,12 +44,12 @@ class Walk:
             is_new: Whether it is in progress, so that it may end anywhere without a loss.
             salvages: Whether to step over damage and note it, rather than to stop at it.
         """
-        self._source = source
-        self._size = size
-        self._header = header
-        self._limits = limits
+        self.source = source
+        self.size = size
+        self.header = header
+        self.limits = limits
         self._is_new = is_new
-        self._salvages = salvages
+        self.salvages = salvages
         self._window = Window(source, size, limits)
         self._walked = Walked(self._window)
         self._end = 0
@@ -69,7 +69,7 @@ class Walk:
         at, verified = first, 0
         if previous is not None:
             self._walked.resume(previous)
-            self._losses = [loss for loss in previous.losses if loss.offset < previous.end]
+            self._losses = [loss for loss in previous.losses if first <= loss.offset < previous.end]
             at, verified = previous.end, previous.chunks[-1].end if previous.chunks else 0
         self._run(at)
         self._walked.settle()
@@ -115,7 +115,7 @@ class Walk:
                 return
             self._lose(self._end, what, None)
             after = bisect_right(places, self._end)
-            if not self._salvages or after == len(places):
+            if not self.salvages or after == len(places):
                 return
             self._walked.doubt()
             at = places[after]
@@ -123,11 +123,11 @@ class Walk:
     def _go(self, at: int) -> str | None:
         """Take in records; returns what is wrong with the one that it stopped at, if something is."""
         self._end = at
-        while at < self._size:
-            is_short = self._size - at < records.PREFIX_BYTES
+        while at < self.size:
+            is_short = self.size - at < records.PREFIX_BYTES
             opcode, length = (0, 0) if is_short else records.prefix(self._window.bytes(at, records.PREFIX_BYTES), 0)
             end = at + records.PREFIX_BYTES + length
-            if is_short or (opcode and end > self._size):
+            if is_short or (opcode and end > self.size):
                 return None if self._is_new else "cut off in the middle of a record"
             if not opcode:
                 return None if self._is_new else "no record starts here"
@@ -137,7 +137,7 @@ class Walk:
             try:
                 self._walked.take(opcode, at, length)
             except DamagedFileError as error:
-                if not self._salvages or opcode in (Opcode.CHUNK, Opcode.MESSAGE_INDEX):
+                if not self.salvages or opcode in (Opcode.CHUNK, Opcode.MESSAGE_INDEX):
                     return error.what  # of those it is the length that is wrong: nobody knows where the next one is
                 self._lose(at, error.what, 0 if opcode in (Opcode.METADATA, Opcode.ATTACHMENT) else None)
             at = self._end = end
@@ -146,10 +146,10 @@ class Walk:
     def _is_data_end(self, opcode: int, at: int, end: int) -> bool:
         """Whether what looks like the end of the data section has behind it what lies behind one."""
         if opcode == Opcode.FOOTER:
-            return end - at == records.FOOTER_BYTES and end + len(records.MAGIC) == self._size
+            return end - at == records.FOOTER_BYTES and end + len(records.MAGIC) == self.size
         if end - at < _DATA_END_BYTES:
             return False
-        return end == self._size or self._window.bytes(end, 1)[0] not in _NOT_BEHIND_DATA
+        return end == self.size or self._window.bytes(end, 1)[0] not in _NOT_BEHIND_DATA
 
     def _verify_last_chunk(self, verified: int) -> None:
         """Check the last chunk's content; if it is broken, the file ends before it.
@@ -187,15 +187,15 @@ class Walk:
                 if strict:
                     raise
                 self._lose(chunk.offset, error.what, _known(chunk))
-                if self._salvages:
+                if self.salvages:
                     chunk = replace(chunk, counts={}, message_index_offsets={}, indexed=False)
                 walked.chunks[position] = replace(chunk, counts=chunk.counts or {})
 
     def _look_into(self, position: int) -> None:
-        chunk, name = self._walked.chunks[position], self._source.name
-        chunks.check_size(chunk, name, self._limits)
-        record = self._source.read(chunk.offset, chunk.length)
-        self._walked.learn(position, chunks.scan(chunks.unpack(record, chunk, name, self._limits), chunk, name))
+        chunk, name = self._walked.chunks[position], self.source.name
+        chunks.check_size(chunk, name, self.limits)
+        record = self.source.read(chunk.offset, chunk.length)
+        self._walked.learn(position, chunks.scan(chunks.unpack(record, chunk, name, self.limits), chunk, name))
 
     def _note_missing_end(self) -> None:
         if self._has_data_end:
@@ -204,7 +204,7 @@ class Walk:
             self._lose(self._end, "the file has no end; what lay behind this is lost", None)
 
     def _lose(self, offset: int, what: str, messages: int | None) -> None:
-        self._losses.append(Loss(Path(self._source.name), offset, what, messages))
+        self._losses.append(Loss(Path(self.source.name), offset, what, messages))
 
     def _index(self, *, finished: bool) -> FileIndex:
         walked = self._walked
@@ -216,8 +216,8 @@ class Walk:
             what = f"messages of channel {channel_id}, which no record describes"
             self._lose(self._end, what, counts.pop(channel_id))
         return FileIndex(
-            path=self._source.name,
-            header=self._header,
+            path=self.source.name,
+            header=self.header,
             schemas=walked.schemas,
             channels=walked.channels,
             chunks=tuple(walked.chunks),
