@@ -20,13 +20,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ml_dash_mcap import Experiment, Recording, Session, definitions
+from ml_dash_mcap import Experiment, RecorderOptions, Recording, Session, definitions
 from ml_dash_mcap.errors import FieldError, RangeError, StateError, TimestampError, TopicError
 from ml_dash_mcap.read.episodes import Episode
 from tests.support import disk, viewer_schema
 from tests.support.files import save
 
 EPOCH = 1_700_000_000.0
+SMALL = RecorderOptions(chunk_bytes=65536, backlog_bytes=131_072, sync_interval_s=0)
 
 
 @pytest.fixture
@@ -149,7 +150,7 @@ STEPS = st.lists(
 )
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(STEPS, st.sampled_from([0.0, EPOCH]))
 def test_whatever_comes_between_each_row_is_in_the_episode_in_which_it_was_appended(
     steps: list[Any], start: float
@@ -157,7 +158,7 @@ def test_whatever_comes_between_each_row_is_in_the_episode_in_which_it_was_appen
     expected: list[list[int]] = []
     is_open, n = False, 0
     with tempfile.TemporaryDirectory() as name:
-        exp = Experiment("a/b", root=name)
+        exp = Experiment("a/b", root=name, options=SMALL)
         exp.run.start()
         for step in steps:
             if step == "begin":

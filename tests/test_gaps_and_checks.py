@@ -23,6 +23,7 @@ from tests.support.assemble import bundle
 from tests.support.files import draft, finished, message, save, unfinished
 
 EPOCH = 1_700_000_000.0
+SMALL_SEGMENTS = {"chunk_bytes": 65536, "backlog_bytes": 262_144, "segment_bytes": 65536, "compression": "none"}
 
 
 def record(folder: Path, times: Iterable[float], **options: Any) -> Path:
@@ -245,8 +246,8 @@ def test_rows_that_the_recorder_refused_are_told(tmp_path: Path) -> None:
     options = RecorderOptions(on_full="drop", chunk_bytes=65_536, backlog_bytes=131_072)
     for _ in range(2):
         with Recorder(tmp_path, options) as recorder:
-            for i in range(20_000):
-                recorder.topic("noise").append(samples=[0.1] * 50, _ts=EPOCH + i / 1000)
+            for i in range(5000):
+                recorder.topic("noise").append(samples=[0.1] * 200, _ts=EPOCH + i / 1000)
             dropped = recorder.stats()["dropped"]
             assert dropped
     with Recording(tmp_path) as rec:
@@ -258,7 +259,7 @@ def test_rows_that_the_recorder_refused_are_told(tmp_path: Path) -> None:
 
 
 def test_rows_of_a_segment_that_is_gone_are_told_by_their_sequence_numbers(tmp_path: Path) -> None:
-    record(tmp_path, [i / 10 for i in range(30_000)], chunk_bytes=65536, backlog_bytes=262_144, segment_bytes=131_072)
+    record(tmp_path, [i / 10 for i in range(6000)], **SMALL_SEGMENTS)
     first, second, *_ = sorted(tmp_path.glob("*.mcap"))
     with Recording(second) as rec:
         lost = rec["robot"].info
@@ -276,7 +277,7 @@ def test_rows_of_a_segment_that_is_gone_are_told_by_their_sequence_numbers(tmp_p
 
 
 def test_a_file_in_the_middle_of_a_recording_is_fine_by_itself(tmp_path: Path) -> None:
-    record(tmp_path, [i / 10 for i in range(30_000)], chunk_bytes=65536, backlog_bytes=262_144, segment_bytes=131_072)
+    record(tmp_path, [i / 10 for i in range(6000)], **SMALL_SEGMENTS)
     assert list(check(sorted(tmp_path.glob("*.mcap"))[1])) == []
 
 
@@ -387,7 +388,7 @@ def in_ns(*times: float) -> np.ndarray:
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(st.integers(0, 60), max_size=30))
+@given(st.lists(st.integers(0, 60), max_size=20))
 def test_every_row_behind_an_earlier_one_is_late_or_after_a_step(times: list[int]) -> None:
     lates, steps = setbacks.find(np.array(times, np.uint64))
     told = {place for late in lates for place in range(late.first, late.first + late.count)}

@@ -61,12 +61,12 @@ VALUES = {
 }
 ROWS = st.lists(
     st.tuples(EIGHTHS, st.fixed_dictionaries({}, optional=VALUES)).map(lambda pair: {**pair[1], "_ts": pair[0]}),
-    max_size=8,
+    max_size=6,
 ).map(lambda rows: sorted(rows, key=lambda row: row["_ts"]))
 TOLERANCES = st.one_of(st.just(math.inf), EIGHTHS)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(ROWS, ROWS, st.lists(EIGHTHS, max_size=6).map(sorted), st.sampled_from(METHODS[:3]), TOLERANCES)
 def test_each_value_is_that_of_the_model(
     robot: list[Row], imu: list[Row], times: list[float], method: str, tolerance: float
