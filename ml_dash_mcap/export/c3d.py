@@ -18,9 +18,9 @@ from . import clocks as rates
 from .clocks import Rate
 from .destination import fresh_file, refuse_existing
 from .job import Job
-from .mocap_options import check, check_decimals
 from .motive import note_of, nothing
-from .take import Floats, Take, TakeOptions, Thing, found_in
+from .take import Floats, Take, Thing, found_in
+from .take_options import TakeOptions, check, check_decimals
 
 MOST_FRAMES = 65_535
 GROUP = "ML_DASH"

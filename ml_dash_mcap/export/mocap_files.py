@@ -8,8 +8,7 @@ from typing import Literal
 from . import motive, wide
 from .clocks import Rate
 from .job import Job
-from .mocap_options import check, check_decimals
-from .take import TakeOptions
+from .take_options import TakeOptions, check, check_decimals
 
 
 def export(

@@ -20,14 +20,14 @@ from .. import clock as clocks
 from ..errors import ConversionError
 from ..mocap.objects import Body, Marker
 from ..mocap.placement import NOTE_KEY, Note, Placing, to_text
-from ..mocap.space import DECIMALS
+from ..mocap.space import DECIMALS, up_of
 from . import clocks as rates
 from . import sto
 from .destination import fresh_file, refuse_existing
 from .job import Job
-from .mocap_options import check
 from .table_text import TableText
-from .take import Take, TakeOptions, Thing, found_in, up_of
+from .take import Take, Thing, found_in
+from .take_options import TakeOptions, check
 
 VERSIONS = ("1.23", "1.25")
 _WORDS = {"m": "Meters", "cm": "Centimeters", "mm": "Millimeters"}

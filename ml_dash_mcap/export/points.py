@@ -14,7 +14,8 @@ from . import clocks as rates
 from .destination import refuse_existing
 from .job import Job
 from .motive import note_of, nothing
-from .take import Floats, Take, TakeOptions, Thing, found_in
+from .take import Floats, Take, Thing, found_in
+from .take_options import TakeOptions
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,10 +11,9 @@ from ..mocap.placement import to_text
 from .clocks import Rate
 from .destination import fresh_file
 from .job import Job
-from .mocap_options import check_decimals
 from .points import find
 from .table_text import TableText
-from .take import TakeOptions
+from .take_options import TakeOptions, check_decimals
 
 NOTE_WORD = "ML_DASH_NOTE"
 

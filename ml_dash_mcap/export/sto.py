@@ -18,9 +18,9 @@ from . import clocks as rates
 from .clocks import Rate
 from .destination import fresh_file, refuse_existing
 from .job import Job
-from .mocap_options import check_decimals
 from .table_text import TableText, numbers
-from .take import Take, TakeOptions, found_in, numeric
+from .take import Take, found_in, numeric
+from .take_options import TakeOptions, check_decimals
 
 NOTE_LINE = "ml_dash_note"
 """The key of the header's line that says what the recording was."""

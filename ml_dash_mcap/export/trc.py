@@ -13,10 +13,9 @@ from ..mocap.placement import NOTE_KEY, to_text
 from .clocks import Rate
 from .destination import fresh_file
 from .job import Job
-from .mocap_options import check, check_decimals
 from .points import find
 from .table_text import TableText
-from .take import TakeOptions
+from .take_options import TakeOptions, check, check_decimals
 
 UNITS = ("m", "mm")
 

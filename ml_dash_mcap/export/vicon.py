@@ -11,11 +11,10 @@ from ..mocap.space import DECIMALS
 from .clocks import Rate
 from .destination import fresh_file
 from .job import Job
-from .mocap_options import check_decimals
 from .motive import note_of
 from .points import Points, find
 from .table_text import TableText
-from .take import TakeOptions
+from .take_options import TakeOptions, check_decimals
 
 _TURNS = ("RX", "RY", "RZ", "RW", "TX", "TY", "TZ")
 

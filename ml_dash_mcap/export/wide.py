@@ -13,7 +13,8 @@ from .destination import fresh_file, refuse_existing
 from .job import Job
 from .sto import every_number
 from .table_text import TableText, numbers
-from .take import Take, TakeOptions
+from .take import Take
+from .take_options import TakeOptions
 
 
 def write(job: Job, rate: Rate, decimals: int | None) -> Path:

@@ -64,3 +64,15 @@ def unit_of(metadata: Mapping[str, Any], column: str) -> str:
     if unit is None:
         raise ConversionError(f"field {column!r}: its topic's metadata says {said!r}; m, cm and mm are known")
     return unit
+
+
+def up_of(metadata: Mapping[str, Any]) -> str:
+    """Return which axis points up as a topic's metadata says it; "z" if it does not.
+
+    Raises:
+        ConversionError: It says one that is not known.
+    """
+    up = str(metadata.get("up", "z")).lower()
+    if up not in UPS:
+        raise ConversionError(f"the topic's metadata says up={metadata['up']!r}; 'z' and 'y' are known")
+    return up
