@@ -7,6 +7,7 @@ from typing import Any
 
 import orjson
 
+from ..rows import depth
 from ..rows.encode import TIME_KEY
 from . import shapes
 from .file import File
@@ -20,6 +21,8 @@ def read(channels: Iterable[tuple[File, Channel]]) -> dict[str, Any]:
     for file, channel in channels:
         described = file.index.schema_of(channel)
         if described is None or described.encoding != "jsonschema":
+            continue
+        if not depth.is_within(described.data, depth.MOST):
             continue
         try:
             parsed = orjson.loads(described.data)
@@ -49,9 +52,8 @@ def _walk_fields(schema: Mapping[str, Any], parent: str) -> Iterable[tuple[str, 
 
 def _merge_schemas(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
     """Cover what two segments' schemas cover: all their fields, `number` where one has integers."""
-    types = {first.get("type"), second.get("type")}
     merged = {**first, **second}
-    if types == {"integer", "number"}:
+    if (first.get("type"), second.get("type")) in (("integer", "number"), ("number", "integer")):
         merged["type"] = "number"
     ours, theirs = first.get("properties"), second.get("properties")
     if isinstance(ours, dict) and isinstance(theirs, dict):
@@ -59,7 +61,7 @@ def _merge_schemas(first: dict[str, Any], second: dict[str, Any]) -> dict[str, A
     if isinstance(first.get("items"), dict) and isinstance(second.get("items"), dict):
         merged["items"] = _merge_schemas(first["items"], second["items"])
     for key, choose in (("minItems", min), ("maxItems", max)):
-        if key in first and key in second:
+        if isinstance(first.get(key), int) and isinstance(second.get(key), int):
             merged[key] = choose(first[key], second[key])
     return merged
 
