@@ -29,7 +29,7 @@ ABOUT_KEY = "ml_dash"
 """In the file's metadata: JSON that says what the rows are and where they come from."""
 
 _GROUP_ROWS = 131072
-_GROUP_BYTES = 256 * 2**20
+_GROUP_BYTES = 64 * 2**20
 """A row group of larger values has fewer rows."""
 
 _SAID_OF_TOPIC = ("units", "joint_names", "quat_order", "frame_id")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from pathlib import Path
 from typing import Any
@@ -189,6 +190,30 @@ def test_a_recording_without_topics_is_an_empty_export(tmp_path: Path, format: s
     save(tmp_path / "run/a.mcap", [])
     with Recording(tmp_path / "run") as rec:
         assert rec.export(tmp_path / "out", format=format).is_dir()
+
+
+# Streams
+
+
+@pytest.mark.parametrize(
+    ("arguments", "written"),
+    [
+        ({}, b"".join(b'{"timestamp":%.1f,"n":%d}\n' % (step / 10, step) for step in range(20))),
+        ({"start_timestamp": 1.8}, b'{"timestamp":1.8,"n":18}\n{"timestamp":1.9,"n":19}\n'),
+        ({"start_index": 3, "limit": 1}, b'{"timestamp":0.3,"n":3}\n'),
+        ({"format": "csv", "start_timestamp": 0.5, "end_timestamp": 0.6}, b"_ts,n\n0.5,5\n0.6,6\n"),
+        ({"format": "csv", "start_index": 19}, b"_ts,n\n1.9,19\n"),
+    ],
+)
+def test_rows_are_written_to_whatever_takes_bytes(rec: Recording, arguments: dict[str, Any], written: bytes) -> None:
+    out = io.BytesIO()
+    rec["arm"].write(out, **arguments)
+    assert out.getvalue() == written
+
+
+def test_a_stream_in_a_format_that_is_not_known_is_an_error(rec: Recording) -> None:
+    with pytest.raises(FormatError, match="the formats are csv, jsonl"):
+        rec["arm"].write(io.BytesIO(), format="parquet")
 
 
 # Destinations
