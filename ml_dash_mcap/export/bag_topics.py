@@ -317,7 +317,7 @@ class Outgoing:
                 return rows, found
             row = int(rows[int(np.argmax(found.which))])
             where = f"topic {plan.topic!r}, row {before + row} (_ts={float(times[row])!r})"
-            if self._settings.on_bad == "raise":
+            if self._settings.on_bad == "raise" and (derived.is_asked or not found.is_other):
                 raise ConversionError(
                     f"{where}: {found.what}, so {derived.topic} cannot be written; pass on_bad='lossless' to leave such"
                     f" rows out of it, mapping={{{plan.topic!r}: {{{_suffix(plan, derived)!r}: None}}}} to leave it"

@@ -48,6 +48,8 @@ class BadRows(NamedTuple):
     """Of those that have all fields, [N]."""
     what: str
     """Of the first one."""
+    is_other: bool = False
+    """Whether they are of another kind altogether, so that a convention was wrong about the field."""
 
 
 Build = Callable[[Context, dict[str, Array]], "dict[str, Column] | BadRows"]
@@ -310,7 +312,7 @@ def _compressed(context: Context, values: dict[str, Any]) -> dict[str, Column] |
     formats = [_format(data.items[start : start + min(length, 8)].tobytes()) for start, length in spans]
     bad = np.array([not one for one in formats])
     if bad.any():
-        return BadRows(bad, f"field {context.derived.key('data')!r} is neither a JPEG nor a PNG")
+        return BadRows(bad, f"field {context.derived.key('data')!r} is neither a JPEG nor a PNG", is_other=True)
     return {"header": context.header, "format": texts(formats), "data": data}
 
 

@@ -15,7 +15,9 @@ COMPRESSIONS = ("none", "bz2", "lz4")
 
 
 def with_ros1(bag: Path) -> Any:
-    return system_python.run("read_bag.py", bag, needs=("rosbag", "genpy", "roslz4"), package="python3-rosbag")
+    return system_python.run(
+        "read_bag.py", bag, needs=("rosbag", "roslz4", "sensor_msgs.msg", "geometry_msgs.msg"), package="python3-rosbag"
+    )
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)

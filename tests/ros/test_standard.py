@@ -264,3 +264,8 @@ def test_a_rotation_comes_back_from_its_matrix(given_quaternion: list[float]) ->
 def test_every_usual_unit_is_a_known_one() -> None:
     assert all(units.scale(quantity, None) is not None for quantity in units.UNITS)
     assert units.scale("angle", "parsec") is None
+
+
+def test_bytes_that_are_no_picture_are_left_alone(tmp_path: Path) -> None:
+    with pytest.warns(ConversionWarning, match="neither a JPEG nor a PNG"):
+        assert list(messages(tmp_path, [{"image": b"\0\0", "temp": 1.0}])) == ["/t/temp"]
