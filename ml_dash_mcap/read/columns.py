@@ -26,8 +26,8 @@ from .messages import Cut, Origin
 _EXACT = f'"{EXACT_KEY}"'.encode()
 
 _FIRST_BYTES, _MOST_BYTES = 128 * 1024, 1024 * 1024
-"""Payloads of several chunks are parsed together, because each call of pyarrow has its price: about as many bytes as the
-first at first, so that a window keeps all cores at work, then more and more."""
+"""Payloads of several chunks are parsed together, because each call of pyarrow has its price: about so many bytes at
+first, so that a window keeps all cores at work, then more and more, and so many at last."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -188,12 +188,12 @@ def _tight(array: Any) -> Any:
 def tight(array: pa.Array) -> pa.Array:
     """Return the same values with a fixed size for lists of numbers that all have one length, inner lists too."""
     type_ = array.type
-    if pa.types.is_struct(type_) and type_.num_fields:
+    if pa.types.is_struct(type_) and type_.num_fields and not array.null_count:  # null ones have no list of any size
         children = [tight(child) for child in array.flatten()]
         if [child.type for child in children] == [type_.field(at).type for at in range(type_.num_fields)]:
             return array
         names = [type_.field(at).name for at in range(type_.num_fields)]
-        return pa.StructArray.from_arrays(children, names, mask=pc.is_null(array) if array.null_count else None)
+        return pa.StructArray.from_arrays(children, names)
     if not pa.types.is_list(type_) or not len(array):
         return array
     inner, has_gaps = tight(array.flatten()), array.null_count > 0
