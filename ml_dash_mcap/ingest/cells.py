@@ -78,8 +78,8 @@ class Cells:
             data, is_over = self._up_to_blank(data)
             if data.strip():
                 yield self._parse(data, line), file.tell()
-            line += data.count(b"\n")
-            self.lines += data.count(b"\n")
+            ended = data.count(b"\n")
+            line, self.lines = line + ended, self.lines + ended
             done += len(data)
             if is_over or not chunk:
                 file.seek(done)

@@ -69,7 +69,8 @@ class Arrays:
             for one in placements:
                 shape = (len(chosen), *one.shape)
                 numbers = values[keep, :][:, one.columns].reshape(shape)
-                _put(fields, one.path, np.ma.MaskedArray(numbers, np.isnan(numbers)))
+                missing = np.isnan(numbers)
+                _put(fields, one.path, np.ma.MaskedArray(numbers, missing) if missing.any() else numbers)
             self._tracks[topic].append_columns(_ts=chosen, **fields)
 
 

@@ -57,7 +57,7 @@ def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes) ->
     if any(gappy_columns.is_gappy(column) for column in columns.values()):
         for name, column in columns.items():
             gappy_columns.check(name, column, len(times), topic)
-        return (Encoded(*rows) for rows in gappy_columns.slices(times, columns, topic, head, _SLICE))
+        return (Encoded(*rows) for rows in gappy_columns.slices(times, columns, topic, head))
     arrays = {name: _column(name, column, len(times), topic) for name, column in columns.items()}
     plain = {name: array for name, array in arrays.items() if _is_bulk(array)}
     if len(plain) < len(arrays):  # a value that cannot be stored is an error before any row is taken

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from itertools import chain, repeat
 from typing import Any
 
@@ -15,6 +16,9 @@ from .. import clock
 from ..errors import FieldError
 from ..rows.encode import TIME_KEY, exact
 from . import records
+
+_SLICE = 2048
+"""Rows encoded at a time: the encoder keeps other threads waiting while it works."""
 
 Tree = Mapping[str, Any]
 """Arrays of numbers [N, ...], masked ones among them, by field; dicts of such for dicts in the rows."""
@@ -47,35 +51,121 @@ def check(name: str, column: Any, count: int, topic: str) -> None:
         )
 
 
-def encode_slice(
-    times: npt.NDArray[np.float64], times_ns: npt.NDArray[np.uint64], columns: Tree, topic: str, head: bytes
-) -> tuple[bytes, npt.NDArray[np.int64], bool]:
-    """Encode rows as Message records.
+@dataclass(frozen=True, slots=True)
+class _Leaf:
+    """One array of numbers."""
+
+    values: npt.NDArray[Any]
+    """[N, ...]; of fractions, NaN where a number is masked."""
+    mask: npt.NDArray[np.bool_] | None
+    """Where a number is masked, [N, ...]; None if none is."""
+    present: npt.NDArray[np.bool_] | None
+    """Which rows have the field, [N]; None if all have it."""
+
+    def cut(self, part: slice) -> _Leaf:
+        """Return some of its rows."""
+        mask = None if self.mask is None else self.mask[part]
+        present = None if self.present is None else self.present[part]
+        return _Leaf(self.values[part], mask, None if present is None or present.all() else present)
+
+    def texts(self) -> list[bytes]:
+        """Return each row's text without its outer brackets."""
+        depth = self.values.ndim - 1
+        if self.mask is None or self.values.dtype.kind == "f":
+            text = orjson.dumps(self.values, option=orjson.OPT_SERIALIZE_NUMPY)
+        else:
+            text = orjson.dumps(np.ma.MaskedArray(self.values, self.mask).tolist())
+        return text[1 + depth : -1 - depth].split(b"]" * depth + b"," + b"[" * depth)
+
+    def value(self, row: int) -> Any:
+        """Return one row's value."""
+        if self.mask is None:
+            return self.values[row].tolist()
+        return np.ma.MaskedArray(self.values[row], self.mask[row]).tolist()
+
+
+Leaves = Mapping[str, Any]
+"""Leaves by field; dicts of such for dicts in the rows."""
+
+
+def slices(
+    times: npt.NDArray[np.float64], columns: Tree, topic: str, head: bytes
+) -> Iterator[tuple[bytes, npt.NDArray[np.int64], float, bool]]:
+    """Encode checked columns as Message records, some rows at a time.
+
+    A row that is masked in all its numbers lacks the field; a number that is masked beside others is None.
 
     Args:
         times: Time stamps, [N], s.
-        times_ns: The same in ns.
-        columns: Checked ones, N rows each. A row that is masked in all its numbers lacks the field; a number that is
-            masked beside others is None.
+        columns: N rows each.
         topic: For the error messages.
         head: Channel id and sequence number as they stand in a record.
 
-    Returns:
-        The records, where each of them starts [N], and whether no row lacks a field.
+    Yields:
+        The records, where each of them starts [N], the last time stamp in s, and whether no row lacks a field.
     """
-    count = len(times)
-    if all(_is_finite(one) for one in columns.values()):
-        pieces = list(chain.from_iterable(_field(name, one, count) for name, one in columns.items()))
-        spelled = orjson.dumps(times, option=orjson.OPT_SERIALIZE_NUMPY)[1:-1].split(b",")
-        key = orjson.dumps(TIME_KEY) + b":"
-        payloads = [
-            b"".join(parts) for parts in zip(repeat(b"{", count), *pieces, repeat(key, count), spelled, strict=True)
-        ]
-        payloads = [payload + b"}" for payload in payloads]
-    else:
-        payloads = [exact({**_row(columns, at), TIME_KEY: float(times[at])}, topic) for at in range(count)]
-    lengths = np.fromiter(map(len, payloads), np.int64, count)
-    heads = np.zeros(count, records.MESSAGE_HEAD_DTYPE)
+    times_ns = clock.to_nanoseconds_each(times)
+    is_finite = all(_is_finite(one) for one in columns.values())
+    leaves = _leaves(columns)
+    for first in range(0, len(times), _SLICE):
+        part = slice(first, first + _SLICE)
+        some, count = _cut(leaves, part), len(times[part])
+        if is_finite:
+            pieces = [b"{", *_pieces(some), orjson.dumps(TIME_KEY) + b":", _Leaf(times[part], None, None).texts(), b"}"]
+            payloads = _joined(pieces, count)
+        else:
+            stamps = times[part].tolist()
+            payloads = [exact({**_row(some, at), TIME_KEY: stamps[at]}, topic) for at in range(count)]
+        blob, starts = _records(payloads, times_ns[part], head)
+        yield blob, starts, float(times[part][-1]), all(map(_is_whole, some.values()))
+
+
+def _pieces(leaves: Leaves) -> list[Any]:
+    """Return what joins to the fields' text, row by row, each with a comma behind it: texts, or one for all rows."""
+    pieces: list[Any] = []
+    for name, one in leaves.items():
+        key = orjson.dumps(name) + b":"
+        if not isinstance(one, _Leaf):
+            inner = _pieces(one)
+            if all(map(_is_always_there, one.values())):
+                pieces += [key + b"{", *inner[:-1], inner[-1][:-1] + b"},"]
+            else:
+                count = len(next(piece for piece in inner if isinstance(piece, list)))
+                pieces.append([key + b"{" + text[:-1] + b"}," if text else b"" for text in _joined(inner, count)])
+            continue
+        depth = one.values.ndim - 1
+        before, behind = key + b"[" * depth, b"]" * depth + b","
+        if one.present is None:
+            pieces += [before, one.texts(), behind]
+        else:
+            pairs = zip(one.texts(), one.present.tolist(), strict=True)
+            pieces.append([before + text + behind if is_there else b"" for text, is_there in pairs])
+    return pieces
+
+
+def _joined(pieces: list[Any], count: int) -> list[bytes]:
+    """Join pieces, row by row."""
+    columns: list[Any] = []
+    constant = b""
+    for piece in pieces:
+        if isinstance(piece, bytes):
+            constant += piece
+            continue
+        if constant:
+            columns.append(repeat(constant, count))
+        columns.append(piece)
+        constant = b""
+    if constant:
+        columns.append(repeat(constant, count))
+    return [b"".join(parts) for parts in zip(*columns, strict=True)]
+
+
+def _records(
+    payloads: list[bytes], times_ns: npt.NDArray[np.uint64], head: bytes
+) -> tuple[bytes, npt.NDArray[np.int64]]:
+    """Return payloads as Message records, and where each of them starts, [N]."""
+    lengths = np.fromiter(map(len, payloads), np.int64, len(payloads))
+    heads = np.zeros(len(payloads), records.MESSAGE_HEAD_DTYPE)
     heads["opcode"] = records.MESSAGE_OPCODE
     heads["length"] = lengths + records.MESSAGE_LENGTH_EXCESS
     heads["channel"] = struct.unpack_from("<H", head)[0]
@@ -83,52 +173,41 @@ def encode_slice(
     packed, size = heads.tobytes(), records.MESSAGE_HEAD
     cut_heads = [packed[at : at + size] for at in range(0, len(packed), size)]
     lengths += size
-    is_uniform = all(_is_whole(one) for one in columns.values())
-    return (
-        b"".join(chain.from_iterable(zip(cut_heads, payloads, strict=True))),
-        np.cumsum(lengths) - lengths,
-        is_uniform,
-    )
+    return b"".join(chain.from_iterable(zip(cut_heads, payloads, strict=True))), np.cumsum(lengths) - lengths
 
 
-def cut(columns: Tree, part: slice) -> Tree:
-    """Return some rows of columns."""
-    return {name: cut(one, part) if isinstance(one, Mapping) else one[part] for name, one in columns.items()}
+def _leaves(columns: Tree) -> Leaves:
+    """Return what columns consist of, each prepared for being cut and spelled."""
+    return {name: _leaves(one) if isinstance(one, Mapping) else _leaf(one) for name, one in columns.items()}
 
 
-def _field(name: str, column: Any, count: int) -> list[Any]:
-    """Return what joins, row by row, to the text of a field with a comma behind it, or to nothing."""
-    key = orjson.dumps(name) + b":"
-    if isinstance(column, Mapping):
-        inner = list(chain.from_iterable(_field(one, values, count) for one, values in column.items()))
-        texts = [b"".join(parts) for parts in zip(*inner, strict=True)]
-        return [[key + b"{" + text[:-1] + b"}," if text else b"" for text in texts]]
-    opening, closing = b"[" * (column.ndim - 1), b"]" * (column.ndim - 1)
-    texts, present = _cut(column, opening, closing)
-    if present is None:
-        return [repeat(key + opening, count), texts, repeat(closing + b",", count)]
-    before, behind = key + opening, closing + b","
-    pairs = zip(texts, present.tolist(), strict=True)
-    return [[before + text + behind if is_there else b"" for text, is_there in pairs]]
+def _leaf(column: Any) -> _Leaf:
+    values, mask = np.ma.getdata(column), np.ma.getmaskarray(column)
+    is_gappy = bool(mask.any())
+    if values.dtype.kind == "f":
+        values = np.where(mask, np.nan, values).astype(np.float64) if is_gappy else values.astype(np.float64)
+    values = np.ascontiguousarray(values, values.dtype.newbyteorder("="))
+    if not is_gappy:
+        return _Leaf(values, None, None)
+    is_gap = mask.reshape(len(mask), -1)
+    present = np.logical_not(is_gap.all(axis=1))
+    return _Leaf(values, mask, present)
 
 
-def _cut(column: Any, opening: bytes, closing: bytes) -> tuple[list[bytes], npt.NDArray[np.bool_] | None]:
-    """Return the text of each row without its outer brackets, and which rows have any of their numbers, [N]."""
-    mask = np.ma.getmask(column)
-    values = np.ma.getdata(column)
-    if mask is np.ma.nomask or not mask.any():
-        text = orjson.dumps(np.ascontiguousarray(values), option=orjson.OPT_SERIALIZE_NUMPY)
-        present = None
-    else:
-        present = ~mask.reshape(len(mask), -1).all(axis=1)
-        gaps = np.where(mask, np.nan, values)  # which the encoder writes as null
-        if values.dtype.kind == "f":
-            text = orjson.dumps(np.ascontiguousarray(gaps, np.float64), option=orjson.OPT_SERIALIZE_NUMPY)
-        else:
-            text = orjson.dumps(column.tolist())
-    depth = column.ndim - 1
-    inner = text[1 + depth : -1 - depth]
-    return inner.split(closing + b"," + opening), present
+def _cut(leaves: Leaves, part: slice) -> Leaves:
+    return {name: one.cut(part) if isinstance(one, _Leaf) else _cut(one, part) for name, one in leaves.items()}
+
+
+def _is_always_there(one: Any) -> bool:
+    """Whether all rows have a field, and all that lies in it."""
+    return one.present is None if isinstance(one, _Leaf) else all(map(_is_always_there, one.values()))
+
+
+def _is_whole(one: Any) -> bool:
+    """Whether no number of a field is masked."""
+    if not isinstance(one, _Leaf):
+        return all(map(_is_whole, one.values()))
+    return one.mask is None or not one.mask.any()
 
 
 def _is_finite(column: Any) -> bool:
@@ -138,31 +217,14 @@ def _is_finite(column: Any) -> bool:
     return column.dtype.kind != "f" or bool((np.isfinite(np.ma.getdata(column)) | np.ma.getmaskarray(column)).all())
 
 
-def _is_whole(column: Any) -> bool:
-    if isinstance(column, Mapping):
-        return all(_is_whole(one) for one in column.values())
-    return not np.ma.is_masked(column)
-
-
-def _row(columns: Tree, at: int) -> dict[str, Any]:
+def _row(leaves: Leaves, at: int) -> dict[str, Any]:
     """Return one row as a dict."""
     fields: dict[str, Any] = {}
-    for name, column in columns.items():
-        if isinstance(column, Mapping):
-            inner = _row(column, at)
+    for name, one in leaves.items():
+        if not isinstance(one, _Leaf):
+            inner = _row(one, at)
             if inner:
                 fields[name] = inner
-        elif not np.ma.getmaskarray(column)[at].all():
-            fields[name] = column[at].tolist()
+        elif one.present is None or one.present[at]:
+            fields[name] = one.value(at)
     return fields
-
-
-def slices(
-    times: npt.NDArray[np.float64], columns: Tree, topic: str, head: bytes, rows: int
-) -> Iterator[tuple[bytes, npt.NDArray[np.int64], float, bool]]:
-    """Encode some rows at a time: the records, where each starts, the last time stamp (s), whether they are alike."""
-    times_ns = clock.to_nanoseconds_each(times)
-    for first in range(0, len(times), rows):
-        part = slice(first, first + rows)
-        blob, starts, is_uniform = encode_slice(times[part], times_ns[part], cut(columns, part), topic, head)
-        yield blob, starts, float(times[part][-1]), is_uniform
