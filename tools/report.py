@@ -105,8 +105,16 @@ def environment(packages: Iterable[str], folder: Path) -> str:
     return (
         f"Measured on {datetime.now(timezone.utc):%Y-%m-%d}: {_processor()}, {_cores()} cores, {_memory_gb()}, "
         f"{platform.system()} {platform.release()}, files on {_file_system(folder)}; "
-        f"{platform.python_implementation()} {platform.python_version()}; {versions}."
+        f"{platform.python_implementation()} {platform.python_version()}{_priority()}; {versions}."
     )
+
+
+def _priority() -> str:
+    """Whether the run had more than an ordinary claim to the processors, so that others hardly disturbed it."""
+    if not hasattr(os, "sched_getscheduler"):
+        return ""
+    is_real_time = os.sched_getscheduler(0) in (os.SCHED_FIFO, os.SCHED_RR)
+    return "; all contenders at real-time priority, on a machine that others use" if is_real_time else ""
 
 
 def _middle(results: Results, place: Place) -> float | None:
