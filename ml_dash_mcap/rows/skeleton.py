@@ -233,7 +233,9 @@ def _without_exponents(data: Bytes, at: Offsets, spans: Offsets | None = None) -
     before = data[at[exponents] - 1] - np.uint8(_ZERO)
     exponents = exponents[before <= _NINE - _ZERO]
     if spans is not None and len(exponents):
-        exponents = exponents[~np.isin(at[exponents], spans)]
+        is_kept = np.zeros(len(data), np.bool_)  # np.isin would sort the spans
+        is_kept[spans] = True
+        exponents = exponents[~is_kept[at[exponents]]]
     if not len(exponents):
         return at, kept
     stays = np.ones(len(at), np.bool_)
