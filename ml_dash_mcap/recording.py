@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -12,27 +11,22 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-import orjson
-
 from . import clock, topic_reader
 from .errors import MissingRecordingError, OptionError, StateError, UsageError
 from .export import Job, export
 from .export.destination import refuse_existing
 from .export.job import Progress
 from .layout import (
-    ABOUT_RECORD,
     ACTIVE_SUFFIX,
     FILE_TOPIC,
     LOG_TOPIC,
     METRIC_TOPICS,
     OWN_TOPICS,
-    PARAMETERS_RECORD,
-    RUN_RECORD,
     SEGMENT_SUFFIX,
     SESSION_GLOB,
 )
 from .lookup import Lookup, not_found
-from .read import attachments, counts, episodes, gaps, overview, rows, topics
+from .read import about, attachments, counts, episodes, gaps, overview, rows, topics
 from .read.attachments import Attachments
 from .read.check import check
 from .read.episodes import Episode
@@ -265,13 +259,13 @@ class Recording:
     @property
     def start(self) -> float | None:
         """Time of the first message on any topic, in s; None without messages."""
-        times = [start_ns for start_ns, _ in self._spans()]
+        times = [start_ns for start_ns, _ in about.spans(self._opened())]
         return clock.to_seconds(min(times)) if times else None
 
     @property
     def end(self) -> float | None:
         """Time of the last message on any topic, in s; None without messages."""
-        times = [end_ns for _, end_ns in self._spans()]
+        times = [end_ns for _, end_ns in about.spans(self._opened())]
         return clock.to_seconds(max(times)) if times else None
 
     @property
@@ -283,24 +277,17 @@ class Recording:
     @property
     def metadata(self) -> list[tuple[str, dict[str, str]]]:
         """All metadata records, in the order of writing."""
-        return [(record.name, dict(record.values)) for file in self._opened() for record in file.metadata()]
+        return about.metadata(self._opened())
 
     @property
     def run(self) -> dict[str, str]:
         """What is known about the run, such as its `status`: what was said last counts."""
-        return self._merged(RUN_RECORD)
+        return about.run(self._opened())
 
     @property
     def params(self) -> dict[str, Any]:
         """The parameters, by dotted name: what was set last counts."""
-        params: dict[str, Any] = {}
-        for name, values in self.metadata:
-            if name == ABOUT_RECORD:  # each segment repeats what was set before it
-                repeated = _from_json(values.get("parameters", "{}"))
-                params.update(repeated if isinstance(repeated, dict) else {})
-            elif name == PARAMETERS_RECORD:
-                params.update({name: _from_json(text) for name, text in values.items()})
-        return params
+        return about.parameters(self._opened())
 
     @property
     def logs(self) -> list[Row]:
@@ -364,9 +351,9 @@ class Recording:
         dest = Path(dest)
         refuse_existing(dest)
         low, high = check_range(start, end)
-        about = {**self.run, "params": self.params}
+        known = {**self.run, "params": self.params}
         chosen = Lookup("topic", self._chosen(topics), self._info)
-        return export(Job(dest, self._opened(), chosen, low, high, about, progress), format, options)
+        return export(Job(dest, self._opened(), chosen, low, high, known, progress), format, options)
 
     def close(self) -> None:
         """Close the files. May be called twice."""
@@ -412,18 +399,6 @@ class Recording:
             raise StateError(f"the recording {str(self.path)!r} is closed; open it again to read")
         return self._segments.files
 
-    def _spans(self) -> list[tuple[int, int]]:
-        """Return the first and last log time, in ns, of each file's messages, or of each chunk's."""
-        spans: list[tuple[int, int]] = []
-        for file in self._opened():
-            said = file.glance.statistics
-            if said is None:
-                chunks = file.index.chunks
-                spans += [(one.start_ns, one.end_ns) for one in chunks if one.counts != {} and one.uncompressed_size]
-            elif said.message_count:
-                spans.append((said.start_ns, said.end_ns))
-        return spans
-
     def _channel_names(self) -> set[str]:
         return {channel.topic for file in self._opened() for channel in file.glance.channels.values()}
 
@@ -448,15 +423,6 @@ class Recording:
             known = self._infos[topic] = topics.info(self._opened(), topic)
         return known
 
-    def _merged(self, name: str) -> dict[str, str]:
-        merged: dict[str, str] = {}
-        for file in self._opened():
-            if any(entry.name == name for entry in file.glance.metadata):
-                for record in file.metadata():
-                    if record.name == name:
-                        merged.update(record.values)
-        return merged
-
 
 @dataclass(frozen=True, slots=True)
 class _View:
@@ -479,15 +445,3 @@ def _fold_in_leftovers(folder: Path) -> None:
         from .recovery import recover  # which loads the writing side, and is hardly ever needed
 
         recover(folder)
-
-
-def _from_json(text: str) -> Any:
-    """Return the value of a parameter's text, which is JSON or a literal such as NaN; what is neither stays text."""
-    try:
-        return orjson.loads(text)
-    except orjson.JSONDecodeError:
-        pass
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
-        return text
