@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -96,10 +96,10 @@ class FolderBag:
         """All channels."""
         return list(self._channels)
 
-    def batches(self) -> Iterator[Batch]:
-        """Yield all messages, each channel's by time within each file."""
+    def batches(self, wanted: Collection[Channel]) -> Iterator[Batch]:
+        """Yield the messages of some channels, each channel's by time within each file."""
         for bag in self._opened():
-            yield from bag.batches()
+            yield from bag.batches(wanted)
 
     def close(self) -> None:
         """Remove what was unpacked. May be called twice."""

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
+
+import numpy as np
 
 from ..read import messages
 from ..read.file import File
 from ..read.records import Channel as McapChannel
 from ..read.rows import LAST_NS
-from .bag_messages import BATCH_BYTES, BATCH_MESSAGES, Batch, Channel
+from .bag_messages import BATCH_MESSAGES, Batch, Channel
 
 MAGIC = b"\x89MCAP0\r\n"
 CUSTOM_RECORD = "rosbag2"
@@ -47,15 +49,16 @@ class McapBag:
                 return record.values["serialized_metadata"]
         return ""
 
-    def batches(self) -> Iterator[Batch]:
-        """Yield all messages, each channel's by time.
+    def batches(self, wanted: Collection[Channel]) -> Iterator[Batch]:
+        """Yield the messages of some channels, each channel's by time.
 
         Raises:
             DamagedFileError: The file is damaged further on.
         """
         waiting: list[tuple[int, int, Batch, Iterator[Batch]]] = []
-        for number, topic in enumerate(dict.fromkeys(channel.topic for channel in self.channels)):
-            _push(waiting, number, self._of_topic(topic))
+        topics = dict.fromkeys(channel.topic for channel in self.channels if channel in wanted)
+        for number, topic in enumerate(topics):
+            _push(waiting, number, self._of_topic(topic, wanted))
         while waiting:
             _, number, batch, more = heapq.heappop(waiting)
             yield batch
@@ -73,25 +76,18 @@ class McapBag:
             one.topic, schema.name if schema is not None else "", encoding, text, one.message_encoding == "ros1"
         )
 
-    def _of_topic(self, topic: str) -> Iterator[Batch]:
+    def _of_topic(self, topic: str, wanted: Collection[Channel]) -> Iterator[Batch]:
         for found in messages.read([self._file], topic, 0, LAST_NS):
-            by_channel: dict[int, Batch] = {}
-            size = 0
-            origins = [origin.channel.id for origin in found.origins]
-            for which, time_ns, payload in zip(
-                found.origin_of.tolist(), found.times_ns.tolist(), found.payloads, strict=True
-            ):
-                number = origins[which]
-                batch = by_channel.get(number)
-                if batch is None:
-                    batch = by_channel[number] = Batch(self._channels[number], [], [])
-                batch.times_ns.append(time_ns)
-                batch.payloads.append(payload)
-                size += len(payload)
-                if len(batch.times_ns) >= BATCH_MESSAGES or size >= BATCH_BYTES:
-                    yield from by_channel.values()
-                    by_channel, size = {}, 0
-            yield from by_channel.values()
+            numbers = np.array([origin.channel.id for origin in found.origins])[found.origin_of]
+            times_ns = found.times_ns.tolist()
+            for number in np.unique(numbers).tolist():
+                channel = self._channels[number]
+                if channel not in wanted:
+                    continue
+                which = np.flatnonzero(numbers == number).tolist()
+                for first in range(0, len(which), BATCH_MESSAGES):
+                    part = which[first : first + BATCH_MESSAGES]
+                    yield Batch(channel, [times_ns[at] for at in part], [found.payloads[at] for at in part])
 
 
 def _push(waiting: list[tuple[int, int, Batch, Iterator[Batch]]], number: int, more: Iterator[Batch]) -> None:

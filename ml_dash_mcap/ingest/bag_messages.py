@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -48,8 +48,8 @@ class Bag(Protocol):
     def custom(self) -> Mapping[str, str]:
         """What somebody wrote about the bag, by key."""
 
-    def batches(self) -> Iterator[Batch]:
-        """Yield all messages, each channel's by time."""
+    def batches(self, wanted: Collection[Channel]) -> Iterator[Batch]:
+        """Yield the messages of some channels, each channel's by time."""
 
     def close(self) -> None:
         """Close the files. May be called twice."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from rosbags.rosbag1 import Reader
@@ -50,15 +50,16 @@ class Ros1Bag:
         """Messages in all."""
         return int(self._reader.message_count)
 
-    def batches(self) -> Iterator[Batch]:
-        """Yield all messages, each channel's by time.
+    def batches(self, wanted: Collection[Channel]) -> Iterator[Batch]:
+        """Yield the messages of some channels, each channel's by time.
 
         Raises:
             DamagedFileError: A chunk cannot be read.
         """
         collector = Collector()
         try:
-            for connection, time_ns, payload in self._reader.messages():
+            connections = [one for one in self._reader.connections if self._channels[one.id] in wanted]
+            for connection, time_ns, payload in self._reader.messages(connections) if connections else ():
                 channel = self._channels[connection.id]
                 yield from collector.add(channel.topic, channel, time_ns, bytes(payload))
         except Exception as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,8 +42,8 @@ class SqliteBag:
         """All channels."""
         return list(self._channels.values())
 
-    def batches(self) -> Iterator[Batch]:
-        """Yield all messages, each channel's by time.
+    def batches(self, wanted: Collection[Channel]) -> Iterator[Batch]:
+        """Yield the messages of some channels, each channel's by time.
 
         Raises:
             DamagedFileError: The file is damaged further on.
@@ -57,6 +57,8 @@ class SqliteBag:
                 channel = self._channels.get(number)
                 if channel is None:
                     raise DamagedFileError(self._path, 0, f"a message is on topic {number}, which is not in the table")
+                if channel not in wanted:
+                    continue
                 payload = data if self._unpack is None else self._unpack(data)
                 yield from collector.add(number, channel, time_ns, payload)
         except sqlite3.Error as error:

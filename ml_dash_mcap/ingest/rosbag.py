@@ -110,11 +110,13 @@ def record(
     try:
         intake = _Intake(src, bag, recorder, time == "header", wanted, _texts(definitions), on_unknown == "skip")
         done = 0
-        for batch in bag.batches():
+        for batch in bag.batches(intake.wanted):
             intake.add(batch)
             done += len(batch.times_ns)
             if progress is not None:
                 progress(done, bag.count)
+        if progress is not None and done < bag.count:  # some were not wanted
+            progress(bag.count, bag.count)
     finally:
         bag.close()
 
@@ -180,11 +182,16 @@ class _Intake:
             else:
                 self._adders[channel] = self._foreign(channel)
 
+    @property
+    def wanted(self) -> set[Channel]:
+        """The channels whose messages become rows."""
+        return {channel for channel, adder in self._adders.items() if adder is not None}
+
     def add(self, batch: Batch) -> None:
         """Take some messages."""
         adder = self._adders[batch.channel]
-        if adder is not None:
-            adder(batch)
+        assert adder is not None  # it is a wanted one
+        adder(batch)
 
     def _own(self, channel: Channel, message: Message) -> Callable[[Batch], None]:
         """Return what takes messages that say all that our rows said."""
