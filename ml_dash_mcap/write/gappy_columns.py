@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import chain, repeat
+from itertools import chain, pairwise, repeat
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,9 @@ from . import records
 
 _SLICE = 2048
 """Rows encoded at a time: the encoder keeps other threads waiting while it works."""
+
+_WORTH_ROWS = 16
+"""Runs of rows that lack the same are told apart if they have so many rows on average: the writer looks at one then."""
 
 Tree = Mapping[str, Any]
 """Arrays of numbers [N, ...], masked ones among them, by field; dicts of such for dicts in the rows."""
@@ -102,7 +105,7 @@ def slices(
         head: Channel id and sequence number as they stand in a record.
 
     Yields:
-        The records, where each of them starts [N], the last time stamp in s, and whether no row lacks a field.
+        The records, where each of them starts [N], the last time stamp in s, and whether all rows lack the same.
     """
     times_ns = clock.to_nanoseconds_each(times)
     is_finite = all(_is_finite(one) for one in columns.values())
@@ -117,7 +120,12 @@ def slices(
             stamps = times[part].tolist()
             payloads = [exact({**_row(some, at), TIME_KEY: stamps[at]}, topic) for at in range(count)]
         blob, starts = _records(payloads, times_ns[part], head)
-        yield blob, starts, float(times[part][-1]), all(map(_is_whole, some.values()))
+        ends = np.append(starts, len(blob))
+        runs = _runs(some, count)
+        is_uniform = is_finite and len(runs) <= max(1, count // _WORTH_ROWS)
+        for begin, end in runs if is_uniform else [(0, count)]:
+            piece = blob[ends[begin] : ends[end]]
+            yield piece, starts[begin:end] - starts[begin], float(times[part][end - 1]), is_uniform
 
 
 def _pieces(leaves: Leaves) -> list[Any]:
@@ -203,11 +211,22 @@ def _is_always_there(one: Any) -> bool:
     return one.present is None if isinstance(one, _Leaf) else all(map(_is_always_there, one.values()))
 
 
-def _is_whole(one: Any) -> bool:
-    """Whether no number of a field is masked."""
-    if not isinstance(one, _Leaf):
-        return all(map(_is_whole, one.values()))
-    return one.mask is None or not one.mask.any()
+def _runs(leaves: Leaves, count: int) -> list[tuple[int, int]]:
+    """Return runs of rows in which the same numbers are masked, by the first row and the one after the last."""
+    changes = np.zeros(count - 1, np.bool_)
+    for mask in _masks(leaves):
+        flat = mask.reshape(count, -1)
+        changes |= (flat[1:] != flat[:-1]).any(axis=1)
+    bounds = [0, *(np.flatnonzero(changes) + 1).tolist(), count]
+    return list(pairwise(bounds))
+
+
+def _masks(leaves: Leaves) -> Iterator[npt.NDArray[np.bool_]]:
+    for one in leaves.values():
+        if not isinstance(one, _Leaf):
+            yield from _masks(one)
+        elif one.mask is not None:
+            yield one.mask
 
 
 def _is_finite(column: Any) -> bool:
