@@ -8,6 +8,7 @@ from .version import __version__
 
 if TYPE_CHECKING:
     from .catalog import recordings
+    from .conversion import convert
     from .experiment import Experiment
     from .options import RecorderOptions
     from .read.limits import Limits
@@ -28,6 +29,7 @@ __all__ = [
     "Session",
     "Topic",
     "__version__",
+    "convert",
     "recordings",
     "recover",
 ]
@@ -41,6 +43,7 @@ _HOMES = {
     "Recording": "recording",
     "Session": "session",
     "Topic": "topic",
+    "convert": "conversion",
     "recordings": "catalog",
     "recover": "recovery",
 }

@@ -120,6 +120,14 @@ def metrics_and_logs(folder: Path, said: str) -> None:
     assert "the run is completed; its metrics: ['train']" in said
 
 
+def ros_bag(folder: Path, said: str) -> None:
+    assert 'type: "sensor_msgs/msg/JointState"' in said
+    assert "the message that says all: Robot.msg" in said
+    assert "arm gives back every row as it was: True" in said
+    assert "arm.bag gives back every row as it was: True" in said
+    assert (folder / ".dash/examples/arm/bags/arm/metadata.yaml").exists()
+
+
 CHECKS: dict[str, Callable[[Path, str], None]] = {
     check.__name__: check
     for check in (
@@ -132,6 +140,7 @@ CHECKS: dict[str, Callable[[Path, str], None]] = {
         same_time_rows,
         images_and_files,
         metrics_and_logs,
+        ros_bag,
     )
 }
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ml_dash_mcap.convert import convert
+from ml_dash_mcap.conversion import convert
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from tests.support.bags import export, record, robot_rows, smooth_columns

@@ -88,7 +88,7 @@ def measure(order: rounds.Order) -> Figures:
 
 def ours(what: str, src: Path, dest: Path) -> int:
     """Convert with this library."""
-    from ml_dash_mcap.convert import convert
+    from ml_dash_mcap.conversion import convert
 
     seen = [0]
 

@@ -24,7 +24,7 @@ FLOORS: list[set[str]] = [
     {"recorder"},
     {"ingest"},
     {"recording"},
-    {"run", "convert", "catalog"},
+    {"run", "conversion", "catalog"},
     {"experiment", "session"},
     {"cli"},
     {"__main__"},

@@ -109,7 +109,7 @@ def test_a_bag_is_split_by_time_when_a_file_has_grown(tmp_path: Path, storage: s
         recorder.topic("imu").append_columns(
             _ts=np.arange(5000) / 250, accel=np.ones((5000, 3)), gyro=np.ones((5000, 3))
         )
-    bag = export(tmp_path / "run", tmp_path / "bag", storage=storage, split_bytes=3_000_000)
+    bag = export(tmp_path / "run", tmp_path / "bag", storage=storage, split_bytes=1_000_000)
     said = information(bag)
     files = said["files"]
     assert len(files) >= 3

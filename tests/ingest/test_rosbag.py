@@ -15,7 +15,7 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ml_dash_mcap import ingest
-from ml_dash_mcap.convert import convert
+from ml_dash_mcap.conversion import convert
 from ml_dash_mcap.errors import (
     ConversionWarning,
     DamagedFileError,
