@@ -197,7 +197,7 @@ def opening(name: str, data: Path) -> Figures:
         "info_ms": lambda recording: [(info.count, info.start, info.end) for info in recording.topics.values()],
         "last_ms": lambda recording: recording[TOPIC].last(),
     }
-    figures: Figures = {"files": len(list((data / name).glob("*.mcap"))), "mb": bytes_on_disk(data / name) / 1e6}
+    figures: Figures = {"mb": bytes_on_disk(data / name) / 1e6}
     take(lambda: Recording(data / name), lambda recording: recording[TOPIC].last())
     for figure, reading in readings.items():
         takes = repeated(lambda: take(lambda: Recording(data / name), reading))  # noqa: B023  # it is called at once

@@ -46,13 +46,13 @@ def play(
     return results
 
 
-def in_a_process(program: str, order: Order) -> Figures:
+def in_a_process(program: str, order: Order, timeout_s: float = TIMEOUT_S) -> Figures:
     """Have a program carry out an order (it calls `answer`); returns its figures, or why there are none."""
     command = [sys.executable, program, "--child", json.dumps(order)]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=timeout_s, check=False)
     except subprocess.TimeoutExpired:
-        return {"absent": "failed", "why": f"not done after {TIMEOUT_S} s"}
+        return {"absent": "failed", "why": f"not done after {timeout_s} s"}
     if done.returncode == 0:
         return json.loads(done.stdout)  # type: ignore[no-any-return]
     print(done.stderr, file=sys.stderr)
