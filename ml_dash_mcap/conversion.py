@@ -13,7 +13,16 @@ from .ingest import Progress
 from .recorder import Recorder
 from .recording import Recording
 
-_SUFFIXES = {".bag": "rosbag1", ".parquet": "parquet", ".csv": "csv", ".jsonl": "jsonl"}
+_SUFFIXES = {
+    ".bag": "rosbag1",
+    ".parquet": "parquet",
+    ".csv": "csv",
+    ".jsonl": "jsonl",
+    ".trc": "trc",
+    ".sto": "sto",
+    ".tsv": "qtm",
+    ".c3d": "c3d",
+}
 """What a destination's suffix says about its format."""
 
 

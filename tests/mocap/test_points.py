@@ -15,7 +15,8 @@ from tests.mocap.support import UNIT, Rows, read_back, record
 
 
 @pytest.fixture
-def opensim() -> Any:
+def opensim(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.chdir(tmp_path)  # where it puts a log when it is imported
     return pytest.importorskip("opensim", reason="there is no wheel of OpenSim for this Python")
 
 
