@@ -21,7 +21,8 @@ from ..version import LIBRARY
 from ..write import records
 from ..write.chunk import Compressor, compressor
 from ..write.records import MESSAGE_HEAD
-from .bag_topics import Outlet, Sent
+from .bag_plan import Outlet
+from .bag_topics import Sent
 
 _CHUNK_BYTES = 1 << 20
 """Chunks have about as many bytes, uncompressed: what viewers like."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import OptionError
-from .bag_topics import Outlet
+from .bag_plan import Outlet
 
 DISTROS: Mapping[str, int] = {
     **dict.fromkeys(("humble", "iron"), 8),

@@ -6,7 +6,8 @@ import sqlite3
 from collections.abc import Sequence
 from pathlib import Path
 
-from .bag_topics import Outlet, Sent
+from .bag_plan import Outlet
+from .bag_topics import Sent
 
 SUFFIX = ".db3"
 

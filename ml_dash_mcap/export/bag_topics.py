@@ -5,9 +5,7 @@ from __future__ import annotations
 import heapq
 import json
 import math
-import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import clock
-from ..errors import ConversionError, ConversionWarning, OptionError
+from ..errors import ConversionError
 from ..read import exact
-from ..ros import blocks, forms, lossless, messages, msg, names, standard, stores
+from ..ros import blocks, forms, lossless, messages, names
 from ..ros import package as interfaces
-from ..ros.columns import Constant, Indices, Struct, pick
+from ..ros.columns import Constant, Indices, pick
 from ..ros.fill import MisfitError, fill
 from ..ros.forms import Form
 from ..ros.lossless import Message
@@ -28,63 +26,16 @@ from ..ros.pack import Packed, pack
 from ..ros.standard import Derived
 from ..rows.encode import TIME_KEY
 from ..rows.table import Block
+from .bag_plan import Outlet, Plan, Planner, Settings
 from .job import Job
 
 Part = Block | list[dict[str, Any]]
 
-PROFILES = ("std+lossless", "std", "lossless", "json")
 _OVERLAP_S = 1.0
 """How far the messages of one topic may run ahead of another's where they must be nearly in order, in s."""
 
 _END_S = 2**31
 """The first time that a header's stamp cannot say, in s (year 2038)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """What a caller wants of a bag, whatever its format."""
-
-    profile: str = "std+lossless"
-    mapping: Mapping[str, Any] | None = None
-    time_offset: float = 0.0
-    """Added to all times but the field `ts`, in s."""
-    package: str = "ml_dash_msgs"
-    frame_id: str = ""
-    """Of topics whose metadata has none."""
-    tf: bool = False
-    on_bad: str = "raise"
-    is_ros1: bool = False
-    room: int = 0
-    """Bytes to leave before each message."""
-    is_in_order: bool = False
-    """Whether messages of different topics must be nearly in order."""
-
-    def __post_init__(self) -> None:
-        names.check_package(self.package)
-        for name, value, known in (
-            ("profile", self.profile, PROFILES),
-            ("on_bad", self.on_bad, ("raise", "lossless")),
-        ):
-            if value not in known:
-                raise OptionError(f"{name}={value!r}: it must be one of {', '.join(map(repr, known))}")
-        if self.mapping is not None and not isinstance(self.mapping, Mapping):
-            raise OptionError(f"mapping={self.mapping!r}: pass a dict of topics")
-        if not isinstance(self.time_offset, (int, float)) or not np.isfinite(self.time_offset):
-            raise OptionError(f"time_offset={self.time_offset!r}: pass seconds")
-
-
-@dataclass(frozen=True, slots=True)
-class Outlet:
-    """A topic of the bag."""
-
-    number: int
-    topic: str
-    type: str
-    """With its package, as in "sensor_msgs/msg/JointState"."""
-    text: str
-    """The type's definition, followed by those of the messages in it."""
-    digest: str
-    struct: Struct = field(repr=False)
 
 
 class Sent(NamedTuple):
@@ -93,17 +44,6 @@ class Sent(NamedTuple):
     outlet: Outlet
     times_ns: npt.NDArray[np.uint64]
     packed: Packed
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """How the rows of a topic become messages."""
-
-    topic: str
-    message: Message
-    own: Outlet | None
-    """For the message that says all; None if it is not wanted."""
-    derived: tuple[tuple[Derived, Outlet], ...]
 
 
 class Outgoing:
@@ -118,8 +58,8 @@ class Outgoing:
         self._job = job
         self._settings = settings
         self._started: dict[str, Iterator[Part]] = {}
-        self._metadata = {name: _metadata(job, name) for name in job.topics}
-        self._warned: set[str] = set()
+        self._planner = Planner(job, settings)
+        self._is_wide = False
         self._last = math.inf
         self._reached = -math.inf
         found: dict[str, Form] = {}
@@ -128,21 +68,28 @@ class Outgoing:
             first = next(parts, None)
             found[topic] = _take_in(Form(), [] if first is None else first)
             self._started[topic] = parts if first is None else chain([first], parts)
-        self._plan(found)
+        self.plans = self._planner.plan(found)
 
     def widen(self) -> None:
-        """Read all rows, and plan for all that they have; called when `messages` found rows that did not fit."""
+        """Read all rows, and plan for all that they have; called when `messages` found rows that did not fit.
+
+        Raises:
+            ConversionError: They have changed since they were read.
+        """
+        if self._is_wide:
+            raise ConversionError("the recording has other rows than a moment ago; export it when it is finished")
+        self._is_wide = True
         self._started.clear()
         found = {topic: Form() for topic in self._job.topics}
         for topic, form in found.items():
             for part in self._parts(topic):
                 _take_in(form, part)
-        self._plan(found)
+        self.plans = self._planner.plan(found)
 
     @property
     def outlets(self) -> list[Outlet]:
         """All topics of the bag."""
-        return self._outlets
+        return self._planner.outlets
 
     @property
     def own_messages(self) -> list[Message]:
@@ -200,85 +147,6 @@ class Outgoing:
     def _parts(self, topic: str) -> Iterator[Part]:
         return exact.read(self._job.files, topic, self._job.low, self._job.high)
 
-    # -- planning ------------------------------------------------------------------------------------------------------
-
-    def _plan(self, found: Mapping[str, Form]) -> None:
-        self._outlets: list[Outlet] = []
-        taken_types: set[str] = set()
-        taken_topics: set[str] = set()
-        self.plans = [self._planned(topic, form, taken_types, taken_topics) for topic, form in found.items()]
-
-    def _planned(self, topic: str, form: Form, taken_types: set[str], taken_topics: set[str]) -> Plan:
-        settings = self._settings
-        is_json = settings.profile == "json"
-        message = lossless.design(form, topic, set() if is_json else taken_types, is_json=is_json)
-        called = names.topic(topic, taken_topics)
-        taken_topics.add(called)
-        wanted = self._wanted(topic, message, called, taken_topics) if "std" in settings.profile else []
-        about = {} if is_json else self._about(topic, wanted)  # one type of JSON for all topics
-        message = Message(message.name, message.fields, message.is_stated, True, about)
-        own = None
-        if settings.profile != "std":
-            type_ = f"{settings.package}/msg/{message.name}"
-            text = msg.embedded(message, settings.package, is_ros1=settings.is_ros1)
-            digest = stores.digest(type_, text, is_ros1=settings.is_ros1)
-            struct = lossless.struct(message, settings.package, is_ros1=settings.is_ros1)
-            own = self._outlet(called, type_, text, digest, struct)
-        derived = [(one, self._standard(one)) for one in wanted]
-        if own is None and not derived and form.count:
-            self._warn(f"topic {topic!r}: no standard message says what its fields hold; profile='std' leaves it out")
-        return Plan(topic, message, own, tuple(derived))
-
-    def _about(self, topic: str, wanted: list[Derived]) -> dict[str, Any]:
-        """Return what a message's definition says besides its fields, in bags that have no other place for it too."""
-        info = self._job.topics[topic]
-        said: dict[str, Any] = {"topic": topic}
-        if info.description is not None:
-            said["description"] = info.description
-        if info.tags:
-            said["tags"] = list(info.tags)
-        if info.metadata:
-            said["metadata"] = dict(info.metadata)
-        if wanted:
-            said["derived"] = [one.topic for one in wanted]
-        return said
-
-    def _wanted(self, topic: str, message: Message, called: str, taken: set[str]) -> list[Derived]:
-        settings = self._settings
-        mapping = (settings.mapping or {}).get(topic, {})
-        if mapping is None or mapping is False:
-            return []
-        said = {"frame_id": settings.frame_id, **self._metadata[topic]}
-        try:
-            wanted = standard.derive(message, called, said, mapping, tf=settings.tf)
-        except ConversionError as error:
-            raise ConversionError(f"topic {topic!r}: {error}") from error
-        found = []
-        for one in wanted:
-            why = messages.check(one)
-            if why is not None and settings.on_bad == "raise":
-                raise ConversionError(f"topic {topic!r}: {why}; or pass on_bad='lossless' to leave out {one.topic}")
-            if why is not None or (one.topic in taken and one.type != standard.TF):
-                self._warn(f"topic {topic!r}: {one.topic} is left out: {why or 'another topic has that name'}")
-                continue
-            taken.add(one.topic)
-            found.append(one)
-        return found
-
-    def _standard(self, one: Derived) -> Outlet:
-        """Return the outlet of a standard message; `/tf` is everybody's."""
-        for other in self._outlets:
-            if other.topic == one.topic:
-                return other
-        text, digest = stores.definition(one.type, is_ros1=self._settings.is_ros1)
-        struct = stores.struct(one.type, is_ros1=self._settings.is_ros1)
-        return self._outlet(one.topic, one.type, text, digest, struct)
-
-    def _outlet(self, topic: str, type_: str, text: str, digest: str, struct: Struct) -> Outlet:
-        outlet = Outlet(len(self._outlets) + 1, topic, type_, text, digest, struct)
-        self._outlets.append(outlet)
-        return outlet
-
     # -- rows to messages ----------------------------------------------------------------------------------------------
 
     def _convert(self, plan: Plan, part: Part, before: int) -> list[Sent]:
@@ -291,7 +159,7 @@ class Outgoing:
             column = fill(plan.message, blocks.to_rows(part)) if is_row_text else blocks.fill_block(plan.message, part)
         else:
             column = fill(plan.message, part)
-        frame = str(self._metadata[plan.topic].get("frame_id", settings.frame_id))
+        frame = str(self._planner.metadata[plan.topic].get("frame_id", settings.frame_id))
         header = _header(stamps, frame, before)
         sent = []
         if plan.own is not None:
@@ -323,7 +191,9 @@ class Outgoing:
                     f" rows out of it, mapping={{{plan.topic!r}: {{{_suffix(plan, derived)!r}: None}}}} to leave it"
                     " out, or profile='lossless'"
                 )
-            self._warn(f"topic {plan.topic!r}: {derived.topic} lacks rows that it cannot say", f"{where}: {found.what}")
+            self._planner.warn(
+                f"topic {plan.topic!r}: {derived.topic} lacks rows that it cannot say", f"{where}: {found.what}"
+            )
             rows = rows[~found.which]
         return rows, {}
 
@@ -339,19 +209,10 @@ class Outgoing:
             )
         return stamps.astype(np.uint64)
 
-    def _warn(self, what: str, first: str = "") -> None:
-        if what not in self._warned:
-            self._warned.add(what)
-            warnings.warn(f"{what}; the first: {first}" if first else what, ConversionWarning, stacklevel=2)
-
 
 def _suffix(plan: Plan, derived: Derived) -> str:
     base = (plan.own.topic if plan.own is not None else names.topic(plan.topic)) + "/"
     return derived.topic.removeprefix(base)
-
-
-def _metadata(job: Job, topic: str) -> dict[str, Any]:
-    return dict(job.topics[topic].metadata)
 
 
 def _take_in(form: Form, part: Part) -> Form:
@@ -410,4 +271,4 @@ def write_package(folder: Path, outgoing: Outgoing) -> None:
         place.write_text(text, encoding="utf-8")
 
 
-__all__ = ["MisfitError", "Outgoing", "Outlet", "Sent", "Settings", "to_text", "write_package"]
+__all__ = ["MisfitError", "Outgoing", "Sent", "to_text", "write_package"]

@@ -13,7 +13,8 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Writer
 
 from ..errors import ConversionWarning, OptionError
-from .bag_topics import MisfitError, Outgoing, Sent, Settings, write_package
+from .bag_plan import Settings
+from .bag_topics import MisfitError, Outgoing, Sent, write_package
 from .destination import fresh_file, fresh_folder
 from .job import Job, Steps
 

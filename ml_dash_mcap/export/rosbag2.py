@@ -11,7 +11,8 @@ from typing import Any, Protocol
 from ..errors import OptionError
 from . import bag_mcap, bag_metadata, bag_sqlite
 from .bag_metadata import Contents
-from .bag_topics import MisfitError, Outgoing, Outlet, Sent, Settings, to_text, write_package
+from .bag_plan import Outlet, Settings
+from .bag_topics import MisfitError, Outgoing, Sent, to_text, write_package
 from .destination import fresh_folder
 from .job import Job, Steps
 

@@ -269,3 +269,18 @@ def test_every_usual_unit_is_a_known_one() -> None:
 def test_bytes_that_are_no_picture_are_left_alone(tmp_path: Path) -> None:
     with pytest.warns(ConversionWarning, match="neither a JPEG nor a PNG"):
         assert list(messages(tmp_path, [{"image": b"\0\0", "temp": 1.0}])) == ["/t/temp"]
+
+
+def test_a_mapping_of_a_topic_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConversionError, match="'robot', which is not exported; there are 't'"):
+        messages(tmp_path, [{"q": [0.5]}], mapping={"robot": None})
+
+
+def test_a_topic_of_ours_keeps_its_name_from_a_standard_message(tmp_path: Path) -> None:
+    record(tmp_path / "run", {"robot": [{"q": [0.5]}], "robot/joint_states": [{"x": 1}]})
+    with pytest.warns(ConversionWarning, match="/robot/joint_states is left out: another topic has that name"):
+        bag = export(tmp_path / "run", tmp_path / "bag")
+    assert {one.topic: one.type for one in with_rosbags(bag)} == {
+        "/robot": "ml_dash_msgs/msg/Robot",
+        "/robot/joint_states": "ml_dash_msgs/msg/RobotJointStates",
+    }

@@ -13,7 +13,6 @@ import { McapIndexedReader } from "@mcap/core";
 // These packages are CommonJS: their ES modules lack the file extensions that node asks for.
 const require = createRequire(import.meta.url);
 const { Bag } = require("@foxglove/rosbag");
-const { FileReader } = require("@foxglove/rosbag/node");
 const { parse } = require("@foxglove/rosmsg");
 const { MessageReader } = require("@foxglove/rosmsg-serialization");
 const { MessageReader: MessageReader2 } = require("@foxglove/rosmsg2-serialization");
@@ -60,7 +59,9 @@ async function readMcap(path, decompressHandlers) {
 }
 
 async function readBag(path, decompress) {
-  const bag = new Bag(new FileReader(path), { decompress });
+  const data = new Uint8Array(await readFile(path));
+  const file = { size: () => data.length, read: async (offset, length) => data.slice(offset, offset + length) };
+  const bag = new Bag(file, { decompress });
   await bag.open();
   const decoders = new Map();
   const types = new Map();

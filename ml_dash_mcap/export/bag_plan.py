@@ -1,0 +1,192 @@
+"""Which topics and types a ROS bag has for the topics of a recording."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..errors import ConversionError, ConversionWarning, OptionError
+from ..ros import lossless, messages, msg, names, standard, stores
+from ..ros.columns import Struct
+from ..ros.forms import Form
+from ..ros.lossless import Message
+from ..ros.standard import Derived
+from .job import Job
+
+PROFILES = ("std+lossless", "std", "lossless", "json")
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What a caller wants of a bag, whatever its format."""
+
+    profile: str = "std+lossless"
+    mapping: Mapping[str, Any] | None = None
+    time_offset: float = 0.0
+    """Added to all times but the field `ts`, in s."""
+    package: str = "ml_dash_msgs"
+    frame_id: str = ""
+    """Of topics whose metadata has none."""
+    tf: bool = False
+    on_bad: str = "raise"
+    is_ros1: bool = False
+    room: int = 0
+    """Bytes to leave before each message."""
+    is_in_order: bool = False
+    """Whether messages of different topics must be nearly in order."""
+
+    def __post_init__(self) -> None:
+        names.check_package(self.package)
+        for name, value, known in (
+            ("profile", self.profile, PROFILES),
+            ("on_bad", self.on_bad, ("raise", "lossless")),
+        ):
+            if value not in known:
+                raise OptionError(f"{name}={value!r}: it must be one of {', '.join(map(repr, known))}")
+        if self.mapping is not None and not isinstance(self.mapping, Mapping):
+            raise OptionError(f"mapping={self.mapping!r}: pass a dict of topics")
+        if not isinstance(self.time_offset, (int, float)) or not np.isfinite(self.time_offset):
+            raise OptionError(f"time_offset={self.time_offset!r}: pass seconds")
+
+
+@dataclass(frozen=True, slots=True)
+class Outlet:
+    """A topic of the bag."""
+
+    number: int
+    topic: str
+    type: str
+    """With its package, as in "sensor_msgs/msg/JointState"."""
+    text: str
+    """The type's definition, followed by those of the messages in it."""
+    digest: str
+    struct: Struct = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How the rows of a topic become messages."""
+
+    topic: str
+    message: Message
+    own: Outlet | None
+    """For the message that says all; None if it is not wanted."""
+    derived: tuple[tuple[Derived, Outlet], ...]
+
+
+class Planner:
+    """Plans a bag."""
+
+    def __init__(self, job: Job, settings: Settings) -> None:
+        """Prepare to plan.
+
+        Raises:
+            ConversionError: The mapping has a topic that is not exported.
+        """
+        self._job = job
+        self._settings = settings
+        self._warned: set[str] = set()
+        self.outlets: list[Outlet] = []
+        """All topics of the bag."""
+        self.metadata = {name: dict(info.metadata) for name, info in job.topics.items()}
+        """What was said of our topics."""
+        for topic in settings.mapping or ():
+            if topic not in job.topics:
+                there = ", ".join(map(repr, job.topics)) or "none"
+                raise ConversionError(f"mapping has the topic {topic!r}, which is not exported; there are {there}")
+
+    def plan(self, found: Mapping[str, Form]) -> list[Plan]:
+        """Return how the rows of each topic become messages.
+
+        Args:
+            found: Topics, to the forms of their rows.
+
+        Raises:
+            ConversionError: The mapping or the metadata do not fit the rows.
+        """
+        self.outlets = []
+        called: dict[str, str] = {}
+        for topic in found:  # first of all, so that no standard message takes a name of ours
+            called[topic] = names.topic(topic, called.values())
+        taken_types: set[str] = set()
+        taken_topics = set(called.values())
+        return [self._planned(topic, form, called[topic], taken_types, taken_topics) for topic, form in found.items()]
+
+    def warn(self, what: str, first: str = "") -> None:
+        """Say once what the bag does not say."""
+        if what not in self._warned:
+            self._warned.add(what)
+            warnings.warn(f"{what}; the first: {first}" if first else what, ConversionWarning, stacklevel=2)
+
+    def _planned(self, topic: str, form: Form, called: str, taken_types: set[str], taken_topics: set[str]) -> Plan:
+        settings = self._settings
+        is_json = settings.profile == "json"
+        message = lossless.design(form, topic, set() if is_json else taken_types, is_json=is_json)
+        wanted = self._wanted(topic, message, called, taken_topics) if "std" in settings.profile else []
+        about = {} if is_json else self._about(topic, wanted)  # one type of JSON for all topics
+        message = Message(message.name, message.fields, message.is_stated, True, about)
+        own = None
+        if settings.profile != "std":
+            type_ = f"{settings.package}/msg/{message.name}"
+            text = msg.embedded(message, settings.package, is_ros1=settings.is_ros1)
+            digest = stores.digest(type_, text, is_ros1=settings.is_ros1)
+            struct = lossless.struct(message, settings.package, is_ros1=settings.is_ros1)
+            own = self._outlet(called, type_, text, digest, struct)
+        derived = [(one, self._standard(one)) for one in wanted]
+        if own is None and not derived and form.count:
+            self.warn(f"topic {topic!r}: no standard message says what its fields hold; profile='std' leaves it out")
+        return Plan(topic, message, own, tuple(derived))
+
+    def _about(self, topic: str, wanted: list[Derived]) -> dict[str, Any]:
+        """Return what a message's definition says besides its fields, in bags that have no other place for it too."""
+        info = self._job.topics[topic]
+        said: dict[str, Any] = {"topic": topic}
+        if info.description is not None:
+            said["description"] = info.description
+        if info.tags:
+            said["tags"] = list(info.tags)
+        if info.metadata:
+            said["metadata"] = dict(info.metadata)
+        if wanted:
+            said["derived"] = [one.topic for one in wanted]
+        return said
+
+    def _wanted(self, topic: str, message: Message, called: str, taken: set[str]) -> list[Derived]:
+        settings = self._settings
+        mapping = (settings.mapping or {}).get(topic, {})
+        if mapping is None or mapping is False:
+            return []
+        said = {"frame_id": settings.frame_id, **self.metadata[topic]}
+        try:
+            wanted = standard.derive(message, called, said, mapping, tf=settings.tf)
+        except ConversionError as error:
+            raise ConversionError(f"topic {topic!r}: {error}") from error
+        found = []
+        for one in wanted:
+            why = messages.check(one)
+            if why is not None and settings.on_bad == "raise":
+                raise ConversionError(f"topic {topic!r}: {why}; or pass on_bad='lossless' to leave out {one.topic}")
+            if why is not None or (one.topic in taken and one.type != standard.TF):
+                self.warn(f"topic {topic!r}: {one.topic} is left out: {why or 'another topic has that name'}")
+                continue
+            taken.add(one.topic)
+            found.append(one)
+        return found
+
+    def _standard(self, one: Derived) -> Outlet:
+        """Return the outlet of a standard message; `/tf` is everybody's."""
+        for other in self.outlets:
+            if other.topic == one.topic:
+                return other
+        text, digest = stores.definition(one.type, is_ros1=self._settings.is_ros1)
+        struct = stores.struct(one.type, is_ros1=self._settings.is_ros1)
+        return self._outlet(one.topic, one.type, text, digest, struct)
+
+    def _outlet(self, topic: str, type_: str, text: str, digest: str, struct: Struct) -> Outlet:
+        outlet = Outlet(len(self.outlets) + 1, topic, type_, text, digest, struct)
+        self.outlets.append(outlet)
+        return outlet
