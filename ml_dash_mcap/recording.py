@@ -272,7 +272,7 @@ class Recording:
     def duration(self) -> float:
         """From the first message to the last, in s."""
         start, end = self.start, self.end
-        return 0.0 if start is None or end is None else end - start
+        return 0.0 if start is None or end is None else max(end - start, 0.0)
 
     @property
     def metadata(self) -> list[tuple[str, dict[str, str]]]:

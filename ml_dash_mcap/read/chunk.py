@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ MESSAGE_HEAD = np.dtype(
     ]
 )
 """A Message record up to its payload."""
+
+_MESSAGE_START = struct.Struct("<BQH4xQ")
 
 _FIXED = MESSAGE_HEAD.itemsize - records.PREFIX_BYTES
 
@@ -172,26 +175,42 @@ def scan(data: bytes, chunk: Chunk, path: str) -> Scan:
     schemas: dict[int, records.Schema] = {}
     channels: dict[int, records.Channel] = {}
     entries: dict[int, array[int]] = {}
+    at = 0
     try:
-        for opcode, at, fields in records.split(data, path, 0):
+        while at < len(data):
+            at = _take_messages(data, at, entries)
+            if at == len(data):
+                break
+            opcode, fields = records.one(data, at, path, 0)
             if opcode == Opcode.MESSAGE:
-                channel_id, _sequence, time_ns = fields.u16(), fields.u32(), fields.u64()
-                found = entries.get(channel_id)
-                if found is None:
-                    found = entries[channel_id] = array("Q")
-                found.append(time_ns)
-                found.append(at)
+                fields.refuse("a message that is shorter than any")
             elif opcode == Opcode.SCHEMA:
                 schema = records.schema(fields)
                 schemas[schema.id] = schema
             elif opcode == Opcode.CHANNEL:
                 channel = records.channel(fields)
                 channels[channel.id] = channel
+            at = fields.end
     except DamagedFileError as error:
         raise DamagedFileError(path, chunk.offset, f"a chunk with damaged records ({error})") from error
-    return Scan(
-        schemas, channels, {channel_id: _message_index(channel_id, found) for channel_id, found in entries.items()}
-    )
+    return Scan(schemas, channels, {one: _message_index(one, found) for one, found in entries.items()})
+
+
+def _take_messages(data: bytes, at: int, entries: dict[int, array[int]]) -> int:
+    """Note the times and places of the messages that lie one behind the other here; returns where they end."""
+    unpack, last = _MESSAGE_START.unpack_from, len(data) - MESSAGE_HEAD.itemsize
+    while at <= last:
+        opcode, length, channel_id, time_ns = unpack(data, at)
+        end = at + records.PREFIX_BYTES + length
+        if opcode != Opcode.MESSAGE or length < _FIXED or end > len(data):
+            break
+        found = entries.get(channel_id)
+        if found is None:
+            found = entries[channel_id] = array("Q")
+        found.append(time_ns)
+        found.append(at)
+        at = end
+    return at
 
 
 def _message_index(channel_id: int, entries: array[int]) -> MessageIndex:

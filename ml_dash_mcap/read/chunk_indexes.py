@@ -53,9 +53,9 @@ def split(data: memoryview, path: str, start: int, chunks: list[Chunk]) -> Itera
             patience = min(2 * patience + 1, _MOST_PATIENCE)  # whoever alternates forms should not win time by it
             waiting = patience
         waiting = max(waiting - 1, 0)
-        one = next(records.split(data[at:], path, start + at))
-        yield one
-        at += records.PREFIX_BYTES + records.prefix(data, at)[1]
+        opcode, fields = records.one(data, at, path, start)
+        yield opcode, start + at, fields
+        at = fields.end
 
 
 def check(chunk: Chunk, path: str, at: int, summary_start: int) -> None:

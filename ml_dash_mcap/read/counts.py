@@ -50,7 +50,7 @@ def count(files: Sequence[File], topic: str) -> int:
     total = sum(file.index.message_counts.get(channel.id, 0) for file, channel in channels(files, topic))
     if kind(files, topic) != TRACK:
         return total
-    return total - _duplicates(files, topic)
+    return max(total - _duplicates(files, topic), 0)  # a file can announce too few
 
 
 def _duplicates(files: Sequence[File], topic: str) -> int:
@@ -114,7 +114,7 @@ def payload_bytes(files: Sequence[File], topic: str) -> int:
             if id_ in found:
                 places = np.searchsorted(starts, found[id_])
                 total += int((ends[places] - starts[places]).sum()) - len(places) * chunks.MESSAGE_HEAD.itemsize
-    return total
+    return max(total, 0)  # whatever the indexes say
 
 
 def times(files: Sequence[File], topic: str, start_ns: int, end_ns: int) -> npt.NDArray[np.uint64]:

@@ -210,7 +210,7 @@ class File:
         if stored and chunk.indexed:
             return {channel_id: self.message_index(chunk, channel_id) for channel_id in chunk.message_index_offsets}
         try:
-            return dict(chunks.scan(self.unpack(chunk), chunk, self.source.name).indexes)
+            return dict(self._unpacking.scan(chunk))
         except DamagedFileError as error:
             self._lose_chunk(chunk, error)
             return {}

@@ -204,14 +204,24 @@ def split(data: Bytes, path: str, base: int) -> Iterator[tuple[int, int, Fields]
     """
     at = 0
     while at < len(data):
-        if len(data) - at < PREFIX_BYTES:
-            raise DamagedFileError(path, base + at, f"{len(data) - at} bytes where a record should start")
-        opcode, length = prefix(data, at)
-        content = at + PREFIX_BYTES
-        if length > len(data) - content:
-            raise DamagedFileError(path, base + at, f"a record of {length} bytes where {len(data) - content} are left")
-        yield opcode, base + at, Fields(data, path, base, content, content + length)
-        at = content + length
+        opcode, fields = one(data, at, path, base)
+        yield opcode, base + at, fields
+        at = fields.end
+
+
+def one(data: Bytes, at: int, path: str, base: int) -> tuple[int, Fields]:
+    """Return the opcode and the content of the record that starts at `at`, which is `base + at` in the file.
+
+    Raises:
+        DamagedFileError: It does not end where `data` ends, or before.
+    """
+    content = at + PREFIX_BYTES
+    if len(data) < content:
+        raise DamagedFileError(path, base + at, f"{len(data) - at} bytes where a record should start")
+    opcode, length = prefix(data, at)
+    if length > len(data) - content:
+        raise DamagedFileError(path, base + at, f"a record of {length} bytes where {len(data) - content} are left")
+    return opcode, Fields(data, path, base, content, content + length)
 
 
 def header(fields: Fields) -> Header:

@@ -9,6 +9,7 @@ from zlib import crc32
 
 from ..errors import DamagedFileError
 from . import chunk_indexes, records
+from .chunk import MESSAGE_HEAD
 from .fields import Fields
 from .index import FileIndex, Glance
 from .limits import Limits
@@ -55,7 +56,7 @@ def read(source: Source, size: int, header: Header, found: Footer, limits: Limit
     contents = _Contents(source.name)
     contents.take(memoryview(data)[: end - start], start)
     contents.check_apart(start)
-    return contents.index(header, start) if contents.is_sufficient() else None
+    return contents.index(header, start) if contents.is_sufficient(limits) else None
 
 
 def glance(source: Source, size: int, header: Header, found: Footer, limits: Limits) -> Glance | None:
@@ -208,10 +209,11 @@ class _Contents:
             statistics=self.statistics,
         )
 
-    def is_sufficient(self) -> bool:
+    def is_sufficient(self, limits: Limits) -> bool:
         """Whether it says enough to find every message, channel, metadata record and attachment."""
         said = self.statistics
-        if said is None or said.chunk_count != len(self.chunks) or (said.message_count and not self.chunks):
+        room = sum(min(chunk.uncompressed_size, limits.chunk_bytes) for chunk in self.chunks)
+        if said is None or said.chunk_count != len(self.chunks) or said.message_count * MESSAGE_HEAD.itemsize > room:
             return False
         named: set[int] = set()
         for chunk in self.chunks:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from bisect import bisect_right
 from collections import OrderedDict
+from collections.abc import Mapping
 
 from ..errors import DamagedFileError
 from . import chunk as chunks
@@ -21,6 +22,9 @@ _KEPT_BYTES = 32 * 1024 * 1024
 _HEAD_BYTES = 4096
 
 
+_Key = tuple[int, int]
+
+
 class Unpacking:
     """Unpacks chunks and finds messages in them. Any thread may call it."""
 
@@ -29,8 +33,10 @@ class Unpacking:
         self._source = source
         self._limits = limits
         self._kept_lock = threading.Lock()
-        """Guards `_kept`."""
-        self._kept: OrderedDict[int, bytes] = OrderedDict()
+        """Guards `_kept` and `_scanned`."""
+        self._kept: OrderedDict[_Key, bytes] = OrderedDict()
+        self._scanned: dict[_Key, Mapping[int, MessageIndex]] = {}
+        """What walking the records of those that are kept brought to light."""
         self._edges: tuple[Chunk | None, list[int]] = (None, [])
         """Of the chunk that was asked for last, where its message indexes start, sorted."""
 
@@ -53,7 +59,7 @@ class Unpacking:
             DamagedFileError: They are not what they should be.
         """
         with self._kept_lock:
-            kept = self._kept.get(chunk.offset)
+            kept = self._kept.get(_key(chunk))
         if kept is not None:
             return kept
         name = self._source.name
@@ -61,20 +67,32 @@ class Unpacking:
             chunks.check_size(chunk, name, self._limits)
             record = self._source.read(chunk.offset, chunk.length)
         data = chunks.unpack(record, chunk, name, self._limits)
-        if chunk.compression != records.LOOSE:  # those grow
-            self._keep(chunk.offset, data)
+        with self._kept_lock:
+            self._kept[_key(chunk)] = data
+            while len(self._kept) > _KEPT_CHUNKS or sum(map(len, self._kept.values())) > _KEPT_BYTES:
+                self._scanned.pop(self._kept.popitem(last=False)[0], None)
         return data
 
-    def _keep(self, offset: int, data: bytes) -> None:
+    def scan(self, chunk: Chunk) -> Mapping[int, MessageIndex]:
+        """Return where each channel's messages lie in a chunk by walking its own records.
+
+        Raises:
+            DamagedFileError: They are not what they should be.
+        """
         with self._kept_lock:
-            self._kept[offset] = data
-            while len(self._kept) > _KEPT_CHUNKS or sum(map(len, self._kept.values())) > _KEPT_BYTES:
-                self._kept.popitem(last=False)
+            found = self._scanned.get(_key(chunk))
+        if found is None:
+            found = chunks.scan(self.records(chunk), chunk, self._source.name).indexes
+            with self._kept_lock:
+                if _key(chunk) in self._kept:
+                    self._scanned[_key(chunk)] = found
+        return found
 
     def forget(self) -> None:
         """Let go of what was unpacked: the file was rewritten."""
         with self._kept_lock:
             self._kept.clear()
+            self._scanned.clear()
 
     def index(self, chunk: Chunk, channel_id: int, span: Bytes | None = None, at: int = 0) -> MessageIndex:
         """Read the index of one channel's messages that is stored behind a chunk.
@@ -127,3 +145,8 @@ class Unpacking:
         if total <= len(head) or total > min(room, self._limits.record_bytes):
             return head
         return head + self._source.read(offset + len(head), total - len(head))
+
+
+def _key(chunk: Chunk) -> _Key:
+    """Return what tells a chunk from others; messages outside of chunks are taken together, and grow."""
+    return chunk.offset, chunk.length
