@@ -128,6 +128,14 @@ def ros_bag(folder: Path, said: str) -> None:
     assert (folder / ".dash/examples/arm/bags/arm/metadata.yaml").exists()
 
 
+def mocap_takes(folder: Path, said: str) -> None:
+    assert "take.csv: 7 columns of a rigid body" in said
+    assert "take.trc: ['robot', 'hand:tip']" in said
+    assert "back again: hand, robot; the same rows: True" in said
+    assert (folder / "take.png").stat().st_size > 1000
+    assert (folder / "take.joints.sto").exists()
+
+
 CHECKS: dict[str, Callable[[Path, str], None]] = {
     check.__name__: check
     for check in (
@@ -141,6 +149,7 @@ CHECKS: dict[str, Callable[[Path, str], None]] = {
         images_and_files,
         metrics_and_logs,
         ros_bag,
+        mocap_takes,
     )
 }
 

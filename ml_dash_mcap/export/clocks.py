@@ -167,8 +167,8 @@ def _numbers(union: npt.NDArray[np.int64], spacings: dict[str, Spacing]) -> npt.
                 f" {one.longest_ns / 1e6:.6g} ms apart (median {one.median_ns / 1e6:.6g} ms), for the first time at"
                 f" _ts={clocks.to_seconds(one.worst_ns)!r}"
             )
-        nearest = round(max(one.rate for one in spacings.values()), 3)
-        raise ConversionError(f"{said}; pass rate={nearest:g} or rate='median' to resample")
+        mean = max(one.rate for one in spacings.values())
+        raise ConversionError(f"{said}; pass rate={mean:.3g} or rate='median' to resample")
     if frames.too_sparse(both.frames):
         raise ConversionError(
             f"{len(both.frames)} rows would become {int(both.frames[-1]) + 1} frames, for there are gaps between them;"

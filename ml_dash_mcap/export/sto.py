@@ -5,9 +5,9 @@ The layout is that of opensim-org's documentation, "Storage (.sto) File Format";
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -29,9 +29,10 @@ NOTE_LINE = "ml_dash_note"
 def export(
     job: Job, *, rate: Rate = None, decimals: int | None = None, what: Literal["joints", "all"] = "joints"
 ) -> Path:
-    """Write joint angles, speeds, efforts and grippers into one .sto file; angles in radians.
+    """Write joint angles, speeds, efforts and grippers into one .sto file.
 
-    Rows without a number that others have are left out, for OpenSim stops reading there.
+    Rows without a number that others have are left out, for OpenSim stops reading there. Angles are in radians, unless
+    the topic's metadata says degrees.
 
     Args:
         job: What to export; its destination is the file.
@@ -77,6 +78,7 @@ def write(
     take = Take(job, options, list(joints), clock)
     labels = [f"{one.topic}/{one.name}" if len(topics) > 1 else one.name for one in joints]
     labels = [label.replace("\t", " ").replace("\n", " ") for label in labels]
+    in_degrees = b"yes" if _are_degrees(job, joints) else b"no"
     placing = Placing()
     for at, joint in enumerate(joints):
         placing.add(joint, {"value": [at]})
@@ -87,7 +89,7 @@ def write(
     with path.open("w+b") as file:
         file.write(b"Coordinates\nversion=1\nnRows=")
         at_count = file.tell()
-        file.write(b"%20d\nnColumns=%d\ninDegrees=no\n" % (0, len(joints) + 1))
+        file.write(b"%20d\nnColumns=%d\ninDegrees=%b\n" % (0, len(joints) + 1, in_degrees))
         file.write(f"{NOTE_LINE}={note}\nendheader\n".encode())
         file.write("\t".join(("time", *labels)).encode() + b"\n")
         for window in take.windows():
@@ -96,6 +98,25 @@ def write(
             file.write(text.rows(numbers(window.times[whole]), window.values[whole]))
         file.seek(at_count)
         file.write(b"%-20d" % count)
+
+
+def _are_degrees(job: Job, joints: Sequence[Joint]) -> bool:
+    """Whether angles are in degrees, as the topics' metadata says them; in radians if it does not.
+
+    Raises:
+        ConversionError: Some are in degrees, others in radians.
+    """
+    found = {_angle_unit(job.topics[joint.topic].metadata, joint.value.columns[0]) for joint in joints} - {None}
+    if len(found) > 1:
+        raise ConversionError("some joints are in degrees and some in radians; export them into files of their own")
+    return found == {"deg"}
+
+
+def _angle_unit(metadata: Mapping[str, Any], column: str) -> str | None:
+    """Return "deg" or "rad" as a topic's metadata says a field's unit; None if it says neither."""
+    said = metadata.get("units")
+    word = str(said.get(column) if isinstance(said, Mapping) else said).lower()
+    return {"deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "radians": "rad"}.get(word)
 
 
 def every_number(job: Job, topic: str) -> list[Joint]:

@@ -31,6 +31,8 @@ class Spacing:
     """How far samples are apart."""
 
     median_ns: float
+    mean_ns: float
+    """Of the distances that are no gaps."""
     shortest_ns: int
     longest_ns: int
     worst_ns: int
@@ -40,8 +42,8 @@ class Spacing:
 
     @property
     def rate(self) -> float:
-        """Samples a second, in Hz."""
-        return NS_PER_S / self.median_ns if self.median_ns else 0.0
+        """Samples a second where there are no gaps, in Hz."""
+        return NS_PER_S / self.mean_ns if self.mean_ns else 0.0
 
 
 def spacing(times_ns: Times) -> Spacing:
@@ -50,18 +52,19 @@ def spacing(times_ns: Times) -> Spacing:
     A distance near a whole number of medians is even: there are samples missing in between.
     """
     if len(times_ns) < 2:
-        return Spacing(0.0, 0, 0, int(times_ns[0]) if len(times_ns) else 0, np.arange(len(times_ns)))
+        return Spacing(0.0, 0.0, 0, 0, int(times_ns[0]) if len(times_ns) else 0, np.arange(len(times_ns)))
     steps = np.diff(times_ns)
     shortest, longest = int(steps.min()), int(steps.max())
     typical = float(np.quantile(steps, 0.5, method="lower"))
+    mean = float(steps[steps <= LONGEST_GAP_FRAMES * typical].mean())
     for base in (typical, float(shortest)):  # where most samples have a hole behind them, the shortest is the frame
         counts = np.maximum(np.rint(steps / base), 1)
         off = np.abs(steps / counts - base)
         if off.max() <= TOLERANCE * base:
             frames = np.concatenate(([0], np.cumsum(counts))).astype(np.int64)
-            return Spacing(base, shortest, longest, int(times_ns[1]), frames)
+            return Spacing(base, mean, shortest, longest, int(times_ns[1]), frames)
     worst = int(np.abs(steps - typical).argmax())
-    return Spacing(typical, shortest, longest, int(times_ns[worst + 1]), None)
+    return Spacing(typical, mean, shortest, longest, int(times_ns[worst + 1]), None)
 
 
 def mean_rate(times_ns: Times, frames: Times) -> float:

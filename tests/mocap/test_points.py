@@ -126,6 +126,15 @@ def test_opensim_reads_the_joints(opensim: Any, tmp_path: Path) -> None:
     assert read_back(file, tmp_path / "back")["robot"] == [row for row in rows if row["gripper"]]
 
 
+def test_degrees_are_said_to_be_degrees_and_not_mixed_with_radians(opensim: Any, tmp_path: Path) -> None:
+    rows: Rows = {topic: [{"q": [90.0], "_ts": float(at)} for at in range(2)] for topic in ("a", "b")}
+    with record(tmp_path / "run", rows, a={"units": {"q": "deg"}}, b={"units": "rad"}) as recording:
+        file = recording.export(tmp_path / "x.sto", format="sto", topics=["a"])
+        with pytest.raises(ConversionError, match="degrees"):
+            recording.export(tmp_path / "y.sto", format="sto")
+    assert opensim.TimeSeriesTable(str(file)).getTableMetaDataString("inDegrees") == "yes"
+
+
 def test_what_opensim_writes_is_read(opensim: Any, tmp_path: Path) -> None:
     table = opensim.TimeSeriesTable()
     table.setColumnLabels(["hip", "knee"])
