@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Sequence
 from pathlib import Path
 from typing import BinaryIO
+from zoneinfo import ZoneInfo
 
 from ..errors import ForeignFileError, OptionError
 
@@ -73,6 +75,30 @@ def _text(raw: bytes) -> str:
         return raw.decode()
     except UnicodeDecodeError:  # what Windows tools wrote before they wrote UTF-8
         return raw.decode("latin-1")
+
+
+def seconds_at(moment: tuple[int, int, int, int, int, int], fraction: str, timezone: str) -> float:
+    """Return a moment that a header names, in s since 1970; 0.0 if there is none such, or it lies before.
+
+    Args:
+        moment: Year, month, day, hour, minute, second.
+        fraction: The digits behind the second's point.
+        timezone: An IANA name.
+
+    Raises:
+        OptionError: There is no such time zone.
+    """
+    zone: datetime.tzinfo = datetime.timezone.utc
+    if timezone != "UTC":
+        try:
+            zone = ZoneInfo(timezone)
+        except (KeyError, ValueError, OSError) as error:
+            raise OptionError(f"timezone={timezone!r} is no time zone; pass a name such as 'Europe/Berlin'") from error
+    try:
+        whole = datetime.datetime(*moment, tzinfo=zone).timestamp()
+    except (ValueError, OverflowError):
+        return 0.0
+    return max(whole + int(fraction.ljust(6, "0")[:6] or "0") / 1e6, 0.0)
 
 
 def check_on_bad(on_bad: str) -> None:

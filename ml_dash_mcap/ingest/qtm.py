@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import datetime
 import re
 from pathlib import Path
-from zoneinfo import ZoneInfo
 
 import numpy as np
 
-from ..errors import ForeignFileError, OptionError
+from ..errors import ForeignFileError
 from ..mocap import placement, quaternions
 from ..mocap.objects import MARKERS_TOPIC
 from ..mocap.placement import Placement
@@ -17,7 +15,7 @@ from ..mocap.space import DECIMALS
 from ..recorder import Recorder
 from . import Progress, restored
 from .cells import Cells, Floats
-from .headers import Header, check_on_bad, distinct, first_line
+from .headers import Header, check_on_bad, distinct, first_line, seconds_at
 from .tracks import Report, Tracks
 from .trc import marker
 
@@ -129,16 +127,8 @@ def _start(said: dict[str, str], timezone: str) -> float:
     found = _STAMP.match(said.get("TIME_STAMP", ""))
     if found is None:
         return 0.0
-    try:
-        zone = ZoneInfo(timezone)
-    except (KeyError, ValueError) as error:
-        raise OptionError(f"timezone={timezone!r} is no time zone; pass a name such as 'Europe/Berlin'") from error
     year, month, day, hour, minute, second = (int(part) for part in found.groups()[:6])
-    try:
-        moment = datetime.datetime(year, month, day, hour, minute, second, tzinfo=zone)
-    except ValueError:
-        return 0.0
-    return max(moment.timestamp() + int((found[7] or "0").ljust(6, "0")) / 1e6, 0.0)
+    return seconds_at((year, month, day, hour, minute, second), found[7] or "", timezone)
 
 
 def _placed(name: str, number: int, topic: str, has_bodies: bool) -> list[Placement]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -65,7 +66,7 @@ def _placements(names: Sequence[str], topic: str) -> list[Placement]:
     for (of, label), entries in fields.items():
         indices = [index for index, _ in entries]
         shape = tuple(max(axis) + 1 for axis in zip(*indices, strict=False))
-        if indices == list(np.ndindex(*shape)):
+        if math.prod(shape) == len(indices) and indices == list(np.ndindex(*shape)):
             placements.append(Placement(of, tuple(label.split(".")), shape, tuple(at for _, at in entries)))
         else:  # numbers that are names
             placements += [Placement(of, (split[at][2],), (), (at,)) for _, at in entries]

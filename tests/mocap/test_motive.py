@@ -303,6 +303,13 @@ def test_the_start_time_is_in_the_time_zone_that_is_passed(tmp_path: Path) -> No
     assert read_back(file, tmp_path / "b", start=5.0)["robot"][0]["_ts"] == 5.0
 
 
+@pytest.mark.parametrize("timezone", ["Mars/Base", "../etc", ""])
+def test_a_time_zone_that_is_none_is_refused(timezone: str, tmp_path: Path) -> None:
+    (tmp_path / "demo.csv").write_text(HEADER + BODY)
+    with pytest.raises(OptionError, match="timezone="):
+        read_back(tmp_path / "demo.csv", tmp_path / "back", timezone=timezone)
+
+
 def older(text: str) -> str:
     """Return a file of version 1.21, whose header rows have no labels."""
     return (
