@@ -17,7 +17,6 @@ from typing import Any
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import DamagedFileError, NotFoundError
 
-
 RSS_UNITS_A_MB = 1024 * 1024 if sys.platform == "darwin" else 1024
 
 WORTH_S = 0.3
