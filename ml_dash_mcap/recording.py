@@ -140,7 +140,10 @@ class Recording:
 
     def __contains__(self, topic: object) -> bool:
         """Whether there is such a topic."""
-        return topic in self._channel_names()
+        if topic in self._channel_names():
+            return True
+        verified = [file.verify() for file in self._opened()]  # a damaged summary may have misspelt it
+        return any(verified) and topic in self._channel_names()
 
     def read(
         self,

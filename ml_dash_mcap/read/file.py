@@ -87,6 +87,14 @@ class File:
         """What is known of it without looking up its chunks."""
         return self._glance if self._index is None and self._glance is not None else self.index.glance()
 
+    def verify(self) -> bool:
+        """Read the index, whose checksum verifies what is known at a glance; returns whether that was still to be done.
+
+        Raises:
+            DamagedFileError: Its summary and its data section are broken.
+        """
+        return self._index is None and self.index is not None
+
     @property
     def losses(self) -> list[Loss]:
         """What was found damaged so far, and left out."""
