@@ -334,7 +334,8 @@ class Recording:
 
         Args:
             dest: Where to; nothing may be there yet.
-            format: "parquet", "csv", "jsonl" or "dreamlake"; the guides say what each writes.
+            format: "parquet", "csv", "jsonl", "dreamlake", "rosbag2", "rosbag1", "mocap", "vicon", "qtm", "trc", "sto"
+                or "c3d"; the guides say what each writes.
             topics: Names; None for all that hold rows of a robot.
             start: First time stamp, in s; None for the beginning.
             end: Last time stamp, included, in s; None for the end.
