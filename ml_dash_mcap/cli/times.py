@@ -43,7 +43,7 @@ def show(seconds: float | None) -> str:
     if not clock.is_epoch_like(seconds):
         return f"{seconds:.3f} s"
     try:
-        found = _EPOCH + timedelta(seconds=seconds)
+        found = _EPOCH + timedelta(milliseconds=round(seconds * 1000))
     except OverflowError:  # a clock that says a year beyond 9999
         return f"{seconds:.3f} s"
     return found.isoformat(timespec="milliseconds").replace("+00:00", "Z")

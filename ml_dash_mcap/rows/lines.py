@@ -171,6 +171,11 @@ def _has_structs(table: pa.Table) -> bool:
     return any(_has(type_, pa.types.is_struct) for type_ in table.schema.types)
 
 
+def _is_broken(type_: pa.DataType) -> bool:
+    """Whether it is a list of nothing but nulls, for which pyarrow 26 makes arrays whose offsets lead out of them."""
+    return bool(pa.types.is_list(type_)) and _has(type_.value_type, pa.types.is_null)
+
+
 def _is_unsure(type_: pa.DataType) -> bool:
     """Whether a chunk's type says too little about the next one's: a struct may get more keys, a null anything."""
     return bool(pa.types.is_null(type_) or pa.types.is_struct(type_))
@@ -196,6 +201,8 @@ def _is_text(type_: pa.DataType) -> bool:
 
 def _flatten(table: pa.Table, count: int) -> dict[str, pa.Array] | None:
     if table.num_rows != count:  # a payload was empty, or had lines in it
+        return None
+    if any(_has(type_, _is_broken) for type_ in table.schema.types):
         return None
     flat: dict[str, pa.Array] = {}
     for name, column in zip(table.column_names, table.columns, strict=True):

@@ -34,7 +34,8 @@ def markers(draw: Any) -> Rows:
     hand, loose = [], []
     for frame in range(count):
         for rows, names in ((hand, ("L 1", "Ü")), (loose, ("a",))):
-            some = {name: draw(point) for name in names if frame == 0 or draw(st.booleans())}
+            is_kept = frame % 4 < 3 or draw(st.booleans())  # with more holes nobody could tell the rate
+            some = {name: draw(point) for name in names if is_kept and (name == names[0] or draw(st.booleans()))}
             if some:
                 rows.append({"markers": some, "_ts": 8.0 + frame * step})
     return {"hand": hand, "markers": loose}

@@ -121,6 +121,8 @@ def test_plain_rows_need_no_python_objects() -> None:
         b'{"a":NaN}',
         b'{"a":1,"a":2}',
         b'{"a.b":1,"a":{"b":2}}',
+        b'{"a":[null,null]}',
+        b'{"a":[[],[null]]}',
     ],
 )
 def test_what_arrow_would_change_is_left_to_python(lines: bytes) -> None:
