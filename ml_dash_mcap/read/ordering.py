@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Protocol, TypeVar
 
@@ -28,20 +29,29 @@ class Part(Protocol):
 P = TypeVar("P", bound=Part)
 
 
+_Pending = list[tuple[int, int, P]]
+"""A heap of parts with their first log times, and numbers that tell those of one time apart: only what a new chunk
+releases is looked at, however many chunks overlap."""
+
+
 def in_time(found: Iterable[tuple[int, Sequence[P]]]) -> Iterator[list[P]]:
     """Yield groups of parts, each group later than the one before: all messages of one log time are in one group.
 
     Args:
         found: For each chunk, by start time: the log time of its first message, and the parts cut out of it.
     """
-    pending: list[P] = []
+    pending: _Pending[P] = []
+    number = 0
     for start_ns, parts in found:
-        ready, pending = _split(pending, start_ns - TOLERANCE_NS)
+        ready = _before(pending, start_ns - TOLERANCE_NS)
         if ready:
             yield ready
-        pending += [part for part in parts if len(part.times_ns)]  # of some, all messages were lost
+        for part in parts:
+            if len(part.times_ns):  # of some, all messages were lost
+                number += 1
+                _wait(pending, number, part)
     if pending:
-        yield pending
+        yield [part for _, _, part in sorted(pending, key=lambda one: one[:2])]
 
 
 def is_in_order(times: npt.NDArray[Any], written: npt.NDArray[np.int64]) -> bool:
@@ -56,18 +66,23 @@ def is_close(seconds: npt.NDArray[np.float64], times_ns: npt.NDArray[np.uint64])
     return close
 
 
-def _split(parts: list[P], watermark_ns: int) -> tuple[list[P], list[P]]:
-    """Divide into what lies before the watermark, and can go out, and what has to wait for later chunks."""
+def _wait(pending: _Pending[P], number: int, part: P) -> None:
+    heapq.heappush(pending, (int(part.times_ns.min()), number, part))
+
+
+def _before(pending: _Pending[P], watermark_ns: int) -> list[P]:
+    """Take out what lies before the watermark; what does not has to wait for later chunks."""
     ready: list[P] = []
-    waiting: list[P] = []
-    for part in parts:
+    waiting: list[tuple[int, P]] = []
+    while pending and pending[0][0] < watermark_ns:
+        _, number, part = heapq.heappop(pending)
         times = part.times_ns
         if int(times.max()) < watermark_ns:
             ready.append(part)
-        elif watermark_ns <= 0 or int(times.min()) >= watermark_ns:
-            waiting.append(part)
         else:
             early = times < np.uint64(watermark_ns)
             ready.append(part.pick(np.flatnonzero(early)))
-            waiting.append(part.pick(np.flatnonzero(~early)))
-    return ready, waiting
+            waiting.append((number, part.pick(np.flatnonzero(~early))))
+    for number, part in waiting:
+        _wait(pending, number, part)
+    return ready
