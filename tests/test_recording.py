@@ -88,7 +88,11 @@ def test_a_topic_is_summed_up_over_all_segments(run):
     assert (info.name, info.kind, info.count, info.encoding) == ("robot", "track", 6, "json")
     assert (info.start, info.end, info.duration) == (0.0, 5 / 30, 5 / 30)
     assert info.rate == pytest.approx(30)
-    assert {name: str(field) for name, field in info.fields.items()} == {"q": "number[]", "cam.pos": "number", "cam.img": "bytes"}
+    assert {name: str(field) for name, field in info.fields.items()} == {
+        "q": "number[]",
+        "cam.pos": "number",
+        "cam.img": "bytes",
+    }
     assert info.schema["properties"]["q"] == {"type": "array", "items": {"type": "number"}}
     assert (info.description, info.tags, info.metadata) == ("an arm", ("b",), {"unit": "rad"})
 
