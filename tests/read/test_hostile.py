@@ -13,8 +13,10 @@ from pathlib import Path
 import lz4.frame
 import pytest
 import zstandard
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
-from tests.support import raw
+from tests.support import every_read, raw
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -399,6 +401,60 @@ def schema_in_schema_in_schema() -> bytes:
 def parameters_in_parameters_in_parameters() -> bytes:
     pair = raw.text("a") + raw.text("[" * 100_000)
     return FRONT + raw.metadata("ml_dash.parameters", struct.pack("<I", len(pair)) + pair)
+
+
+# -- anything at all ----------------------------------------------------------------------------------------------------
+
+VALUES = st.sampled_from((0, 1, 2, 8, 9, 31, 255, 2**16 - 1, 2**31, 2**32 - 1, 2**62, 2**63, LAST - 8, LAST))
+CHANGES = st.lists(st.tuples(st.integers(0, 10_000), st.sampled_from("BHIQ"), VALUES), max_size=3)
+
+
+def changed(data: bytes, changes: list[tuple[int, str, int]]) -> bytes:
+    """Bytes with numbers written over them."""
+    changing = bytearray(data)
+    for place, kind, value in changes:
+        size = struct.calcsize(kind)
+        struct.pack_into(f"<{kind}", changing, place % (len(data) - size), value % 256**size)
+    return bytes(changing)
+
+
+@pytest.mark.filterwarnings("ignore::ml_dash_mcap.errors.UndecodedWarning")
+@given(of_data=CHANGES, of_summary=CHANGES, of_offsets=CHANGES)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_whatever_numbers_stand_in_a_file_whose_checksums_are_right_nothing_but_our_error_comes_of_it(
+    tmp_path, of_data, of_summary, of_offsets
+):
+    data = FRONT + raw.channel(2, "u")
+    indexes = []
+    for start in (1, 3):
+        inside = [raw.message(1 + i, start + i, b'{"a":%d}' % i) for i in range(2)]
+        chunk = raw.chunk(b"".join(inside), times=(start, start + 1))
+        behind = [raw.message_index(1 + i, [(start + i, i * len(inside[0]))]) for i in range(2)]
+        place = len(data) + len(chunk)
+        offsets = {1: place, 2: place + len(behind[0])}
+        size = len(b"".join(inside))
+        indexes.append(
+            raw.chunk_index(
+                len(data), len(chunk), indexes=offsets, index_length=len(b"".join(behind)), sizes=(size, size)
+            )
+        )
+        data += chunk + b"".join(behind)
+    data += raw.metadata()
+    indexes.append(raw.metadata_index(len(data) - len(raw.metadata()), len(raw.metadata())))
+    groups = [raw.schema(), raw.channel() + raw.channel(2, "u"), raw.statistics({1: 2, 2: 2}, chunks=2, records=1)]
+    summary = b"".join([*groups, *indexes])
+    offsets_group = raw.summary_offset(3, len(data) + 13, len(groups[0]))
+    path = tmp_path / "file.mcap"
+    front = len(raw.header())
+    path.write_bytes(
+        raw.file(
+            data[:front] + changed(data[front:], of_data),
+            changed(summary, of_summary),
+            changed(offsets_group, of_offsets),
+        )
+    )
+    assert every_read.outcome(path, "raise") in ("read", "refused")
+    assert every_read.outcome(path, "skip") == "read"
 
 
 # -- hardly a file ------------------------------------------------------------------------------------------------------
