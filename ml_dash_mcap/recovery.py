@@ -6,6 +6,7 @@ import errno
 import glob
 import json
 import logging
+import os
 import socket
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ from .errors import DamagedFileError, MissingRecordingError
 from .layout import (
     ABOUT_RECORD,
     ACTIVE_SUFFIX,
+    JOURNAL_FILE,
     JOURNAL_RECORD,
     KIND_KEY,
     SEGMENT_SUFFIX,
@@ -122,6 +124,8 @@ def recover(path: str | Path) -> Recovered:
         raise MissingRecordingError(errno.ENOENT, "no recording here", str(path))
     done = Recovered()
     for session_file in sorted(folder.glob(SESSION_GLOB)):
+        if session_file.is_symlink() or not session_file.is_file():
+            continue  # a folder from outside may hold pipes, which would be waited for, and ways to others' sessions
         lock = SessionLock.seize(session_file)
         if lock is None:
             continue
@@ -138,7 +142,7 @@ def recover(path: str | Path) -> Recovered:
 def _recover_session(folder: Path, lock: SessionLock) -> Recovered:
     said = _read_session(lock.path)
     session = str(said.get("session") or lock.path.stem.removeprefix(".ml_dash-"))
-    journals = [Path(name) for name in _journal_names(str(said.get("journals") or ""))]
+    journals = [Path(name) for name in _journal_names(str(said.get("journals") or ""), session)]
     is_copy = _is_copy(said, lock)
     if is_copy and SessionLock.is_held(Path(said["path"])):
         journals = []  # their recorder lives; this folder is a copy of its
@@ -185,10 +189,12 @@ def _read_session(session_file: Path) -> dict[str, Any]:
     return said if isinstance(said, dict) else {}
 
 
-def _journal_names(pattern: str) -> list[str]:
+def _journal_names(pattern: str, session: str) -> list[str]:
+    """Return the session's buffers; a session file from outside may name those of others, who may be alive."""
     folder, _, name = pattern.rpartition("/")
-    is_ours = name.startswith(".ml_dash-") and name.endswith("-*.journal")
-    return glob.glob(f"{glob.escape(folder)}/{glob.escape(name[: -len('*.journal')])}*.journal") if is_ours else []
+    if not session.isalnum() or name != JOURNAL_FILE.format(session=session, number="*"):
+        return []
+    return [found for found in glob.glob(f"{glob.escape(folder)}/{name}") if os.path.isfile(found)]
 
 
 # -- the journal -------------------------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from tests.support import every_read, raw
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -477,6 +478,34 @@ READ |= {
     "header_of_half_a_megabyte": lambda: raw.header("x" * 500_000),
     "header_and_end": lambda: raw.file(raw.header()),
 }
+
+
+@pytest.mark.parametrize("session", ["x", "*", ""])
+def test_a_folder_from_outside_cannot_have_the_journal_of_a_living_recorder_deleted(tmp_path, session):
+    options = RecorderOptions(backlog_bytes=4 * 1024 * 1024, journal_dir=tmp_path)
+    with Recorder(tmp_path / "alive", options) as recorder:
+        recorder.topic("robot").append(q=1, _ts=1.0)
+        journals = sorted(tmp_path.glob(".ml_dash-*.journal"))
+        hostile = tmp_path / "hostile"
+        hostile.mkdir()
+        said = {"session": session, "journals": f"{tmp_path}/.ml_dash-*.journal"}
+        (hostile / ".ml_dash-x.json").write_text(json.dumps(said))
+        with Recording(hostile):
+            pass
+        assert journals
+        assert sorted(tmp_path.glob(".ml_dash-*.journal")) == journals
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
+@pytest.mark.timeout(20)
+def test_pipes_in_a_folder_from_outside_are_not_waited_for(tmp_path):
+    (tmp_path / "1.mcap").write_bytes(INDEXED)
+    for name in ("2.mcap", "3.mcap.active", ".ml_dash-x.json", ".ml_dash-y-0.journal"):
+        os.mkfifo(tmp_path / name)
+    (tmp_path / ".ml_dash-y.json").write_text(json.dumps({"journals": f"{tmp_path}/.ml_dash-y-*.journal"}))
+    with Recording(tmp_path, on_damage="skip") as rec:
+        assert list(rec["t"].rows()) == [{"_ts": 1e-9}]
+        assert [loss.path.name for loss in rec.losses] == ["2.mcap", "3.mcap.active"]
 
 
 @pytest.fixture(scope="module")
