@@ -176,8 +176,13 @@ class File:
     # -- chunks --------------------------------------------------------------------------------------------------------
 
     def read_span(self, offset: int, length: int) -> bytes:
-        """Read chunks that lie together; no bytes come if one is beyond the limits, which unpacking it will say."""
-        return self._unpacking.read(offset, length)
+        """Read chunks that lie together; no bytes come if one cannot be read, which unpacking that one will say."""
+        try:
+            return self._unpacking.read(offset, length)
+        except DamagedFileError:
+            if not self.salvages:
+                raise
+            return b""
 
     def unpack(self, chunk: Chunk, record: Bytes | None = None) -> bytes:
         """Return a chunk's records, uncompressed and checked; the last few are kept.
@@ -238,6 +243,8 @@ class File:
         Raises:
             DamagedFileError: Something is damaged, and the file not to be salvaged.
         """
+        if span is not None and len(span) < chunk.length + chunk.message_index_length:
+            span = None
         try:
             data = self.unpack(chunk, None if span is None else span[: chunk.length])
         except DamagedFileError as error:

@@ -87,7 +87,12 @@ class LocalFile:
                 _keep(self)
 
     def read(self, offset: int, length: int) -> bytes:
-        """Return the bytes of [offset, offset + length); fewer only where the file ends before."""
+        """Return the bytes of [offset, offset + length); fewer only where the file ends before.
+
+        Raises:
+            DamagedFileError: The disk has lost them.
+            StorageError: They cannot be read for another reason.
+        """
         handle = self._opened()
         length = min(length, self._size(handle) - offset)  # both may be whatever a damaged file says
         parts: list[bytes] = []
@@ -115,6 +120,8 @@ class LocalFile:
                     os.lseek(handle.descriptor, offset, os.SEEK_SET)
                     part = os.read(handle.descriptor, length)
         except OSError as error:
+            if error.errno == errno.EIO:
+                raise DamagedFileError(self.path, offset, f"the disk cannot read this: {error.strerror}") from error
             raise self._error(error) from error
         self.reads += 1
         self.bytes_read += len(part)

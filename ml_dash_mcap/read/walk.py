@@ -110,7 +110,10 @@ class Walk:
             places: Where else records start, sorted: there it goes on behind what nobody can walk over.
         """
         while True:
-            what = self._go(at)
+            try:
+                what = self._go(at)
+            except DamagedFileError as error:  # the disk cannot read it, or it was cut meanwhile
+                what = error.what
             if what is None:
                 return
             self._lose(self._end, what, None)

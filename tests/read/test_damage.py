@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
+import os
 import pickle
 import struct
 from collections.abc import Callable, Iterator
@@ -415,6 +417,29 @@ def test_a_recording_in_progress_has_lost_nothing(tmp_path):
                 with Recording(tmp_path / "run") as rec:
                     assert rec.losses == []
                     assert len(rec["robot"]) == i + 1
+
+
+@pytest.mark.skipif(not hasattr(os, "pread"), reason="files are read in another way")
+@pytest.mark.parametrize("on_damage", ["raise", "skip"])
+def test_what_a_disk_cannot_read_is_lost_with_its_chunk(path, on_damage, monkeypatch):
+    first, second, _ = chunks_of(path)
+    read_really = os.pread
+
+    def read_from_a_bad_disk(descriptor: int, length: int, offset: int) -> bytes:
+        if offset <= second.offset + 20 < offset + length:
+            raise OSError(errno.EIO, "Input/output error")
+        return read_really(descriptor, length, offset)
+
+    with Recording(path, on_damage=on_damage) as rec:
+        monkeypatch.setattr(os, "pread", read_from_a_bad_disk)
+        if on_damage == "skip":
+            assert [row["q"][0] for row in rec["robot"].rows()] == [0, 1, 2, 3, 4, 9]
+            assert [(loss.offset, loss.messages) for loss in rec.losses] == [(second.offset, 4)]
+        else:
+            with pytest.raises(DamagedFileError, match="the disk cannot read this"):
+                list(rec["robot"].rows(5 / 30, 8 / 30))
+        assert len(list(rec["imu"].rows(0.0, 0.1))) == 1
+    assert first.end < second.offset
 
 
 # -- several files -----------------------------------------------------------------------------------------------------

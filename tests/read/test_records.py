@@ -73,6 +73,26 @@ def test_a_map_that_is_longer_than_its_record_is_refused():
         fields(b"\x09\x00\x00\x00").texts()
 
 
+@pytest.mark.parametrize("read", [Fields.numbers, Fields.texts])
+def test_a_map_whose_last_entry_does_not_end_with_it_is_refused(read):
+    with pytest.raises(DamagedFileError, match="behind it"):
+        read(fields(struct.pack("<I", 5) + bytes(20)))
+
+
+@pytest.mark.parametrize("read", [records.chunk_head, records.chunk_index])
+def test_no_chunk_passes_itself_off_as_messages_outside_of_chunks(read):
+    head = (
+        struct.pack("<QQQI", 1, 2, 100, 0) if read is records.chunk_head else struct.pack("<QQQQIQ", 1, 2, 3, 4, 0, 5)
+    )
+    with pytest.raises(DamagedFileError, match="no chunk can have"):
+        read(fields(head + text(records.LOOSE) + bytes(16)))
+
+
+def test_a_record_that_ends_behind_its_section_is_refused():
+    with pytest.raises(DamagedFileError, match="a record of 5 bytes where 2 are left"):
+        records.one(struct.pack("<BQ", 5, 5) + b"ab", 0, "file.mcap", 0)
+
+
 def test_records_that_do_not_end_where_the_section_ends_are_refused():
     with pytest.raises(DamagedFileError, match="a record of 5 bytes where 0 are left"):
         list(records.split(struct.pack("<BQ", 5, 5), "file.mcap", 0))
