@@ -16,8 +16,13 @@ _WORKERS = min(os.cpu_count() or 1, 8)
 _AHEAD = 2
 """How many results wait for each worker: one it has finished and one it works on."""
 
+_MOST_BYTES = 128 * 1024 * 1024
+"""What is worked on, or waits for who asked for it, weighs no more than this, or is one item."""
 
-def in_order(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+
+def in_order(
+    work: Callable[[Item], Result], items: Iterable[Item], *, weigh: Callable[[Item], int] | None = None
+) -> Iterator[Result]:
     """Yield `work(item)` for each item, in their order, while threads work on the next few.
 
     What a call raises comes out in its place. One item alone is worked on by the caller.
@@ -25,6 +30,7 @@ def in_order(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[
     Args:
         work: Lets other threads run for most of its time; called on several threads, and calls nothing of this module.
         items: Taken on the caller's thread, a few ahead.
+        weigh: Returns how much memory an item takes while it is worked on, in bytes; None if that is little.
     """
     items = iter(items)
     first = list(islice(items, 2))
@@ -32,16 +38,20 @@ def in_order(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[
         yield from map(work, chain(first, items))
         return
     pool = _pool()
-    waiting: deque[Future[Result]] = deque()
+    waiting: deque[tuple[Future[Result], int]] = deque()
+    held = 0
     try:
         for item in chain(first, items):
-            waiting.append(pool.submit(work, item))
-            if len(waiting) >= _AHEAD * _WORKERS:
-                yield waiting.popleft().result()
+            weight = 0 if weigh is None else weigh(item)
+            while waiting and (len(waiting) >= _AHEAD * _WORKERS or held + weight > _MOST_BYTES):
+                held -= waiting[0][1]
+                yield waiting.popleft()[0].result()
+            waiting.append((pool.submit(work, item), weight))
+            held += weight
         while waiting:
-            yield waiting.popleft().result()
+            yield waiting.popleft()[0].result()
     finally:
-        for one in waiting:
+        for one, _ in waiting:
             one.cancel()
 
 

@@ -83,7 +83,7 @@ def read(
     reading = _Reading(columns, time_name, low, high)
     start_ns, end_ns = rows.to_ns_range(low, high)
     found = ordering.in_time(messages.cut(files, topic, start_ns, end_ns, _copied))
-    for block in ahead.in_order(reading.block, _together(found)):
+    for block in ahead.in_order(reading.block, _together(found), weigh=lambda pieces: sum(map(_size, pieces))):
         if block.count:
             yield block
 
@@ -99,12 +99,17 @@ def _together(groups: Iterable[list[_Piece]]) -> Iterator[list[_Piece]]:
     size, enough = 0, _FIRST_BYTES
     for group in groups:
         waiting += group
-        size += sum(sum(map(len, piece.payloads)) for piece in group)
+        size += sum(map(_size, group))
         if size >= enough:
             yield waiting
             waiting, size, enough = [], 0, min(2 * enough, _MOST_BYTES)
     if waiting:
         yield waiting
+
+
+def _size(piece: _Piece) -> int:
+    """Return how many bytes the payloads have."""
+    return sum(map(len, piece.payloads))
 
 
 class _Reading:

@@ -122,7 +122,7 @@ def cut(
     def do(job: _Job) -> tuple[int, list[Work]]:
         return job.located.chunk.start_ns, [work(found) for found in _cut_out(job, start_ns, end_ns)]
 
-    return ahead.in_order(do, jobs())
+    return ahead.in_order(do, jobs(), weigh=lambda job: job.located.chunk.uncompressed_size)
 
 
 def _cut_out(job: _Job, start_ns: int, end_ns: int) -> Iterator[Cut]:

@@ -86,7 +86,8 @@ def _parts(file: File, topics: Collection[str], damage: list[DamagedFileError]) 
             return error
 
     found: list[_Part] = []
-    for parts in ahead.in_order(do, (chunk for chunk in index.chunks if _may_hold(chunk, wanted))):
+    chunks = (chunk for chunk in index.chunks if _may_hold(chunk, wanted))
+    for parts in ahead.in_order(do, chunks, weigh=lambda chunk: chunk.uncompressed_size):
         if isinstance(parts, DamagedFileError):
             damage.append(parts)
         else:
