@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..errors import ConversionError, ConversionWarning, OptionError
 from ..ros import lossless, messages, msg, names, standard, stores
 from ..ros.columns import Struct
 from ..ros.forms import Form
-from ..ros.lossless import Message
+from ..ros.lossless import Field, Message
 from ..ros.standard import Derived
 from .job import Job
 
@@ -38,6 +39,8 @@ class Settings:
     """Bytes to leave before each message."""
     is_in_order: bool = False
     """Whether messages of different topics must be nearly in order."""
+    embed_images: bool | str | Path = False
+    """Whether fields that hold the paths of images stand for the images; or the folder that the paths begin at."""
 
     def __post_init__(self) -> None:
         names.check_package(self.package)
@@ -77,6 +80,12 @@ class Plan:
     """For the message that says all; None if it is not wanted."""
     derived: tuple[tuple[Derived, Outlet], ...]
 
+    @property
+    def paths(self) -> list[tuple[Field, ...]]:
+        """The ways to the fields whose texts are the paths of images to embed."""
+        fields = [one.fields["data"] for one, _ in self.derived if one.type == standard.COMPRESSED]
+        return [way for way in fields if way[-1].kind == "string"]
+
 
 class Planner:
     """Plans a bag."""
@@ -114,7 +123,10 @@ class Planner:
             called[topic] = names.topic(topic, called.values())
         taken_types: set[str] = set()
         taken_topics = set(called.values())
-        return [self._planned(topic, form, called[topic], taken_types, taken_topics) for topic, form in found.items()]
+        plans = [self._planned(topic, form, called[topic], taken_types, taken_topics) for topic, form in found.items()]
+        if self._settings.embed_images is not False and not any(plan.paths for plan in plans):
+            self.warn("embed_images: no field holds paths of .jpg or .png files")
+        return plans
 
     def warn(self, what: str, first: str = "") -> None:
         """Say once what the bag does not say."""
@@ -162,7 +174,9 @@ class Planner:
             return []
         said = {"frame_id": settings.frame_id, **self.metadata[topic]}
         try:
-            wanted = standard.derive(message, called, said, mapping, tf=settings.tf)
+            wanted = standard.derive(
+                message, called, said, mapping, tf=settings.tf, embeds=settings.embed_images is not False
+            )
         except ConversionError as error:
             raise ConversionError(f"topic {topic!r}: {error}") from error
         found = []

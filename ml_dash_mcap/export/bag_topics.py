@@ -19,6 +19,7 @@ from ..read import exact
 from ..ros import blocks, forms, lossless, messages, names
 from ..ros import package as interfaces
 from ..ros.columns import Constant, Indices, pick
+from ..ros.context import BadRows
 from ..ros.fill import MisfitError, fill
 from ..ros.forms import Form
 from ..ros.lossless import Message
@@ -26,6 +27,7 @@ from ..ros.pack import Packed, pack
 from ..ros.standard import Derived
 from ..rows.encode import TIME_KEY
 from ..rows.table import Block
+from . import bag_images
 from .bag_plan import Outlet, Plan, Planner, Settings
 from .job import Job
 
@@ -59,6 +61,7 @@ class Outgoing:
         self._settings = settings
         self._started: dict[str, Iterator[Part]] = {}
         self._planner = Planner(job, settings)
+        self._images = bag_images.images(settings.embed_images, job.files)
         self._is_wide = False
         self._last = math.inf
         self._reached = -math.inf
@@ -135,6 +138,7 @@ class Outgoing:
                 yield 0, []
             others = min((one[0] for one in waiting), default=math.inf) if self._settings.is_in_order else math.inf
             now, later = _cut(part, min(others + _OVERLAP_S, self._last))
+            now, later = self._portion(self.plans[number], now, later)
             self._reached = max(self._reached, float(_times(now)[-1]))
             yield exact.size(now), self._convert(self.plans[number], now, done[number])
             done[number] += exact.size(now)
@@ -143,6 +147,17 @@ class Outgoing:
     def finish_up(self) -> None:
         """Ask for all messages up to the latest so far before later ones."""
         self._last = min(self._last, self._reached)
+
+    def _portion(self, plan: Plan, now: Part, later: Part | None) -> tuple[Part, Part | None]:
+        """Put off rows that together name more images than should be in memory at once."""
+        if self._images is None or not plan.paths:
+            return now, later
+        found = now if isinstance(now, list) else blocks.to_rows(now)
+        count = self._images.fitting(found, plan.paths)
+        if count == len(found):
+            return found, later
+        rest = [] if later is None else later if isinstance(later, list) else blocks.to_rows(later)
+        return found[:count], found[count:] + rest
 
     def _parts(self, topic: str) -> Iterator[Part]:
         return exact.read(self._job.files, topic, self._job.low, self._job.high)
@@ -180,8 +195,9 @@ class Outgoing:
         """Return the columns of a standard message and the rows that they are of."""
         header = {**header, "frame_id": Constant(str(derived.metadata.get("frame_id", "")))}
         while len(rows):
-            found = messages.build(derived, column, rows, times, pick(header, rows))
-            if not isinstance(found, messages.BadRows):
+            load = self._images.load if self._images is not None else None
+            found = messages.build(derived, column, rows, times, pick(header, rows), load)
+            if not isinstance(found, BadRows):
                 return rows, found
             row = int(rows[int(np.argmax(found.which))])
             where = f"topic {plan.topic!r}, row {before + row} (_ts={float(times[row])!r})"

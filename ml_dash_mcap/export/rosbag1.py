@@ -32,6 +32,7 @@ def export(
     frame_id: str = "",
     tf: bool = False,
     on_bad: str = "raise",
+    embed_images: bool | str | Path = False,
 ) -> Path:
     """Write a ROS 1 bag, and `<name>_interfaces/<package>` beside it.
 
@@ -47,6 +48,8 @@ def export(
         tf: Whether to send the first pose of each topic on `/tf` too.
         on_bad: What a row does that a standard message cannot say: "raise", or "lossless" to leave it out of that
             message with a warning.
+        embed_images: Whether a field that holds the path of a JPEG or PNG file becomes a message with the image, or
+            the folder that its paths begin at; False leaves paths alone.
 
     Raises:
         OptionError: An option has a value that it cannot have.
@@ -54,7 +57,9 @@ def export(
     """
     if compression not in COMPRESSIONS:
         raise OptionError(f"compression={compression!r}: it must be one of {', '.join(map(repr, COMPRESSIONS))}")
-    settings = Settings(profile, mapping, time_offset, package, frame_id, tf, on_bad, is_ros1=True)
+    settings = Settings(
+        profile, mapping, time_offset, package, frame_id, tf, on_bad, is_ros1=True, embed_images=embed_images
+    )
     beside = job.dest.with_name(f"{job.dest.stem}_interfaces")
     with ExitStack() as stack:
         path = stack.enter_context(fresh_file(job.dest))

@@ -50,6 +50,7 @@ def export(
     frame_id: str = "",
     tf: bool = False,
     on_bad: str = "raise",
+    embed_images: bool | str | Path = False,
 ) -> Path:
     """Write a rosbag2 folder.
 
@@ -68,6 +69,8 @@ def export(
         tf: Whether to send the first pose of each topic on `/tf` too.
         on_bad: What a row does that a standard message cannot say: "raise", or "lossless" to leave it out of that
             message with a warning.
+        embed_images: Whether a field that holds the path of a JPEG or PNG file becomes a message with the image, or
+            the folder that its paths begin at; False leaves paths alone.
 
     Raises:
         OptionError: An option has a value that it cannot have.
@@ -82,7 +85,9 @@ def export(
         raise OptionError(f"split_bytes={split_bytes!r}: it must be None or more than 0 bytes")
     room = bag_mcap.Storage.room if storage == "mcap" else bag_sqlite.Storage.room
     is_split = split_bytes is not None
-    settings = Settings(profile, mapping, time_offset, package, frame_id, tf, on_bad, False, room, is_split)
+    settings = Settings(
+        profile, mapping, time_offset, package, frame_id, tf, on_bad, False, room, is_split, embed_images
+    )
     qos = bag_metadata.qos_text(version)
     begin: Callable[[Path, Sequence[Outlet]], _Storage]
     if storage == "mcap":

@@ -16,7 +16,19 @@ SAFE_INTEGER = 2**53
 class Form:
     """All values that a field, or the elements of a list, have had."""
 
-    __slots__ = ("count", "dicts", "fields", "has_nul", "high", "items", "kinds", "longest", "low", "shortest")
+    __slots__ = (
+        "count",
+        "dicts",
+        "fields",
+        "first_text",
+        "has_nul",
+        "high",
+        "items",
+        "kinds",
+        "longest",
+        "low",
+        "shortest",
+    )
 
     def __init__(self) -> None:
         self.count = 0
@@ -28,6 +40,8 @@ class Form:
         """Bounds of the integers, with 0 among them."""
         self.has_nul = False
         """Whether a text has a NUL, which ROS has no place for."""
+        self.first_text: str | None = None
+        """The first one that was a text."""
         self.dicts = 0
         """How many of them were dicts."""
         self.fields: dict[str, Form] = {}
@@ -60,6 +74,8 @@ class Form:
             self.bound(value, value)
         elif kind is str:
             self.has_nul = self.has_nul or "\0" in value
+            if self.first_text is None:
+                self.first_text = value
         elif kind is list:
             self.lengths(len(value), len(value))
             for element in value:

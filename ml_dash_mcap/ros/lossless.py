@@ -55,6 +55,8 @@ class Field:
     """Of a dict, or of each in a list."""
     integers: str | None = None
     """The field that says which elements of a list are integers among doubles."""
+    names_images: bool = field(default=False, compare=False)
+    """Whether the first text was a path that ends like that of a JPEG or PNG file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +125,7 @@ def _field(form: Form, key: str, name: str, owner: str, taken: set[str], depth: 
     if number is not None:
         return Field(key, name, number)
     if kinds == {str} and not form.has_nul:
-        return Field(key, name, "string")
+        return Field(key, name, "string", names_images=names_image(form.first_text or ""))
     if kinds == {bytes}:
         return Field(key, name, "bytes")
     if kinds == {dict} and _fits(form, depth):
@@ -165,6 +167,11 @@ def _number(form: Form) -> str | None:
     if kinds == {int, float}:
         return "float64" if form.is_safe else None
     return _NUMBERS.get(next(iter(kinds))) if len(kinds) == 1 else None
+
+
+def names_image(path: str) -> bool:
+    """Whether a path ends like that of a JPEG or PNG file."""
+    return path.lower().endswith((".jpg", ".jpeg", ".png"))
 
 
 def _fits(form: Form, depth: int) -> bool:

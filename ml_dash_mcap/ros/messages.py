@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConversionWarning
-from . import rotation, standard, units
-from .columns import Column, Constant, Indices, Ragged, pick, texts
+from . import cameras, rotation, standard, units
+from .columns import Column, Constant, Indices, Ragged, pick
+from .context import BadRows, Context, Load
 from .lossless import INTEGER, PRESENT, STATE, Message
 from .standard import Derived
 
@@ -21,36 +22,6 @@ NO_ESTIMATE = (-1.0, *[0.0] * 8)
 """The covariance of what a sensor does not measure (the comment in sensor_msgs/Imu)."""
 
 _UNKNOWN = (0.0,) * 9
-_DEPTHS: Mapping[str, tuple[str, np.dtype[Any]]] = {
-    "float64": ("32FC1", np.dtype("<f4")),
-    "int64": ("16UC1", np.dtype("<u2")),
-    "uint64": ("16UC1", np.dtype("<u2")),
-}
-_COLORS = {1: "mono8", 3: "rgb8", 4: "rgba8"}
-
-
-class Context(NamedTuple):
-    """What the columns of a message are made with."""
-
-    derived: Derived
-    rows: Indices
-    """Which of the rows have all fields, [N]."""
-    times: npt.NDArray[np.float64]
-    """Time stamps of all rows, in s, for the error messages."""
-    header: Mapping[str, Column]
-    """Of the messages, [N]."""
-
-
-class BadRows(NamedTuple):
-    """Rows whose values a standard message cannot say."""
-
-    which: npt.NDArray[np.bool_]
-    """Of those that have all fields, [N]."""
-    what: str
-    """Of the first one."""
-    is_other: bool = False
-    """Whether they are of another kind altogether, so that a convention was wrong about the field."""
-
 
 Build = Callable[[Context, dict[str, Array]], "dict[str, Column] | BadRows"]
 
@@ -70,7 +41,12 @@ def present(message: Message, column: Mapping[str, Column], derived: Derived, co
 
 
 def build(
-    derived: Derived, column: Mapping[str, Column], rows: Indices, times: npt.NDArray[np.float64], header: Any
+    derived: Derived,
+    column: Mapping[str, Column],
+    rows: Indices,
+    times: npt.NDArray[np.float64],
+    header: Any,
+    load: Load | None = None,
 ) -> dict[str, Column] | BadRows:
     """Return the columns of standard messages.
 
@@ -80,9 +56,10 @@ def build(
         rows: Which of them to take, [N].
         times: Time stamps of all rows, in s.
         header: The messages' header, [N].
+        load: Reads the files that fields name, where images are embedded.
     """
     values = {role: _values(column, derived, role, rows, len(times)) for role in derived.fields}
-    return _BUILDERS[derived.type](Context(derived, rows, times, header), values)
+    return _BUILDERS[derived.type](Context(derived, rows, times, header, load), values)
 
 
 def _values(column: Mapping[str, Column], derived: Derived, role: str, rows: Indices, count: int) -> Any:
@@ -258,70 +235,6 @@ def _temperature(context: Context, values: dict[str, Array]) -> dict[str, Column
     return {"header": context.header, "temperature": values["temperature"], "variance": Constant(0.0)}
 
 
-def _camera_info(context: Context, values: dict[str, Array]) -> dict[str, Column]:
-    count = len(context.rows)
-    k = values["k"].reshape(count, 9).astype(np.float64)
-    p = np.zeros((count, 3, 4))
-    p[:, :, :3] = k.reshape(count, 3, 3)
-    distortion = values["d"].astype(np.float64) if "d" in values else Constant([])
-    model = "plumb_bob" if "d" in values and values["d"].shape[1] == 5 else ""
-    region = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
-    return {
-        "header": context.header,
-        "height": values["height"].astype(np.uint32) if "height" in values else Constant(0),
-        "width": values["width"].astype(np.uint32) if "width" in values else Constant(0),
-        "distortion_model": Constant(model),
-        **dict.fromkeys(("d", "D"), distortion),
-        **dict.fromkeys(("k", "K"), k),
-        **{name: Constant([1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]) for name in ("r", "R")},
-        **{name: p.reshape(count, 12) for name in ("p", "P")},
-        "binning_x": Constant(0),
-        "binning_y": Constant(0),
-        "roi": Constant(region),
-    }
-
-
-def _image(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
-    data = values["data"]
-    one = context.derived.fields["data"][-1]
-    count, height, width = data.shape[:3]
-    if data.ndim == 4:
-        encoding, high = _COLORS[data.shape[3]], 255
-        dtype: np.dtype[Any] = np.dtype("u1")
-    else:
-        (encoding, dtype), high = _DEPTHS[one.kind], 65535
-    if dtype.kind == "u":
-        bad = ((data < 0) | (data > high) | (data != np.floor(data))).reshape(count, -1).any(axis=1)
-        if bad.any():
-            return BadRows(bad, f"field {one.key!r} has pixels outside 0 to {high}, which {encoding} cannot say")
-    pixels = np.ascontiguousarray(data, dtype).reshape(count, -1).view(np.uint8)
-    return {
-        "header": context.header,
-        "height": Constant(height),
-        "width": Constant(width),
-        "encoding": Constant(encoding),
-        "is_bigendian": Constant(0),
-        "step": Constant(pixels.shape[1] // max(height, 1)),
-        "data": pixels,
-    }
-
-
-def _compressed(context: Context, values: dict[str, Any]) -> dict[str, Column] | BadRows:
-    data: Ragged = values["data"]
-    spans = zip(data.starts.tolist(), data.lengths.tolist(), strict=True)
-    formats = [_format(data.items[start : start + min(length, 8)].tobytes()) for start, length in spans]
-    bad = np.array([not one for one in formats])
-    if bad.any():
-        return BadRows(bad, f"field {context.derived.key('data')!r} is neither a JPEG nor a PNG", is_other=True)
-    return {"header": context.header, "format": texts(formats), "data": data}
-
-
-def _format(head: bytes) -> str:
-    if head.startswith(b"\x89PNG"):
-        return "png"
-    return "jpeg" if head.startswith(b"\xff\xd8") else ""
-
-
 def _xyz(vectors: Array) -> dict[str, Array]:
     return {name: vectors[:, place] for place, name in enumerate("xyz")}
 
@@ -339,7 +252,7 @@ _BUILDERS: Mapping[str, Build] = {
     standard.IMU: _imu,
     standard.MAGNETIC: _magnetic,
     standard.TEMPERATURE: _temperature,
-    standard.CAMERA_INFO: _camera_info,
-    standard.IMAGE: _image,
-    standard.COMPRESSED: _compressed,
+    standard.CAMERA_INFO: cameras.camera_info,
+    standard.IMAGE: cameras.image,
+    standard.COMPRESSED: cameras.compressed,
 }

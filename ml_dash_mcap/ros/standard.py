@@ -30,6 +30,8 @@ _V3, _V4, _V6, _V7, _V16, _M33, _M44 = (3,), (4,), (6,), (7,), (16,), (3, 3), (4
 _ANY_VECTOR = "vector"
 _IMAGE = "image"
 _BYTES = "bytes"
+_PATH = "path"
+"""A text that is the path of an image, where images are embedded."""
 
 Shape = tuple[int, ...] | str
 
@@ -75,7 +77,7 @@ ROLES: Mapping[str, Mapping[str, Role]] = {
         "height": Role(((),)),
     },
     IMAGE: {"data": Role((_IMAGE,))},
-    COMPRESSED: {"data": Role((_BYTES,))},
+    COMPRESSED: {"data": Role((_BYTES, _PATH))},
 }
 ROLES = {**ROLES, TF: ROLES[POSE]}
 """Standard messages, to what fields can fill in them."""
@@ -164,7 +166,13 @@ class Derived:
 
 
 def derive(
-    message: Message, topic: str, metadata: Mapping[str, Any], mapping: Mapping[str, Any] | None, *, tf: bool = False
+    message: Message,
+    topic: str,
+    metadata: Mapping[str, Any],
+    mapping: Mapping[str, Any] | None,
+    *,
+    tf: bool = False,
+    embeds: bool = False,
 ) -> list[Derived]:
     """Return the standard messages that a topic's rows can be said with.
 
@@ -175,12 +183,15 @@ def derive(
         mapping: What the caller says of it: suffix or topic to None, for no such message, or to a dict of the `type`
             and, by role, the dotted name of the field; None for the conventions.
         tf: Whether to send its poses on `/tf` as well.
+        embeds: Whether a text that is the path of an image stands for the image.
 
     Raises:
         ConversionError: The mapping asks for what is not there or does not fit.
     """
     asked = dict(mapping or {})
-    found = [_asked(message, topic, metadata, suffix, said) for suffix, said in asked.items() if said is not None]
+    found = [
+        _asked(message, topic, metadata, suffix, said, embeds) for suffix, said in asked.items() if said is not None
+    ]
     taken = {_topic(topic, suffix) for suffix in asked}
     for path, fields in _levels(message.fields, ()):
         base = "/".join([topic, *(one.name for one in path)])
@@ -190,8 +201,19 @@ def derive(
             if roles is not None and name not in taken:
                 taken.add(name)
                 found.append(Derived(name, convention.type, roles, metadata))
+        for one in fields.values() if embeds else ():
+            name = f"{base}/{_picture(one)}/compressed"
+            if one.names_images and one.shape == () and name not in taken:
+                taken.add(name)
+                found.append(Derived(name, COMPRESSED, {"data": (*path, one)}, metadata))
     poses = [one for one in found if one.type == POSE] if tf and "/tf" not in taken else []
     return found + [Derived("/tf", TF, one.fields, {**metadata, "child_frame_id": one.topic}) for one in poses[:1]]
+
+
+def _picture(one: Field) -> str:
+    """Return what to call the images whose paths a field holds."""
+    name = one.name.removesuffix("_path").removesuffix("_file")
+    return "image" if name in ("path", "file", "img", "frame") else name
 
 
 def _levels(fields: Sequence[Field], path: tuple[Field, ...]) -> Iterable[tuple[tuple[Field, ...], dict[str, Field]]]:
@@ -227,11 +249,11 @@ def _named(known: Sequence[str], fields: Mapping[str, Field]) -> Field | None:
     return None
 
 
-def _fits(one: Field, role: Role) -> bool:
+def _fits(one: Field, role: Role, *, embeds: bool = False) -> bool:
     if one.message is not None:
         return False
     if _BYTES in role.shapes:
-        return one.kind == "bytes" and one.shape == ()
+        return one.shape == () and (one.kind == "bytes" or (embeds and one.kind == "string"))
     if one.kind not in ("float64", "int64", "uint64") or one.shape is None:
         return False
     if _IMAGE in role.shapes and (len(one.shape) == 2 or (len(one.shape) == 3 and one.shape[2] in (1, 3, 4))):
@@ -239,7 +261,7 @@ def _fits(one: Field, role: Role) -> bool:
     return one.shape in role.shapes or (_ANY_VECTOR in role.shapes and len(one.shape) == 1)
 
 
-def _asked(message: Message, topic: str, metadata: Mapping[str, Any], suffix: str, said: Any) -> Derived:
+def _asked(message: Message, topic: str, metadata: Mapping[str, Any], suffix: str, said: Any, embeds: bool) -> Derived:
     name = _topic(topic, suffix)
     names.check_topic(name)
     if not isinstance(said, Mapping) or not isinstance(said.get("type"), str):
@@ -256,10 +278,11 @@ def _asked(message: Message, topic: str, metadata: Mapping[str, Any], suffix: st
         if role not in ROLES[type_]:
             raise ConversionError(f"mapping of {suffix!r}: {type_} has no {role!r}; it has {', '.join(ROLES[type_])}")
         roles[role] = _way(message, str(key), suffix)
-        if not _fits(roles[role][-1], ROLES[type_][role]):
+        if not _fits(roles[role][-1], ROLES[type_][role], embeds=embeds):
+            hint = "pass embed_images=True if it is the path of an image, " if type_ == COMPRESSED else ""
             raise ConversionError(
                 f"mapping of {suffix!r}: field {key!r} is {describe(roles[role][-1])}, which does not fit {role!r} of"
-                f" {type_}; leave it out, or export with profile='lossless'"
+                f" {type_}; {hint}leave it out, or export with profile='lossless'"
             )
     if not any(set(group) <= set(roles) for group in _ENOUGH[type_]):
         groups = " or ".join("+".join(group) for group in _ENOUGH[type_])

@@ -1,0 +1,125 @@
+"""Fields of many rows to the columns of what cameras send: images, and how the lens sees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .columns import Column, Constant, Ragged, texts
+from .context import BadRows, Context
+from .lossless import names_image
+
+Array = npt.NDArray[Any]
+
+_DEPTHS: Mapping[str, tuple[str, np.dtype[Any]]] = {
+    "float64": ("32FC1", np.dtype("<f4")),
+    "int64": ("16UC1", np.dtype("<u2")),
+    "uint64": ("16UC1", np.dtype("<u2")),
+}
+_COLORS = {1: "mono8", 3: "rgb8", 4: "rgba8"}
+
+
+def camera_info(context: Context, values: dict[str, Array]) -> dict[str, Column]:
+    """Return the columns of sensor_msgs/CameraInfo."""
+    count = len(context.rows)
+    k = values["k"].reshape(count, 9).astype(np.float64)
+    p = np.zeros((count, 3, 4))
+    p[:, :, :3] = k.reshape(count, 3, 3)
+    distortion = values["d"].astype(np.float64) if "d" in values else Constant([])
+    model = "plumb_bob" if "d" in values and values["d"].shape[1] == 5 else ""
+    region = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
+    return {
+        "header": context.header,
+        "height": values["height"].astype(np.uint32) if "height" in values else Constant(0),
+        "width": values["width"].astype(np.uint32) if "width" in values else Constant(0),
+        "distortion_model": Constant(model),
+        **dict.fromkeys(("d", "D"), distortion),
+        **dict.fromkeys(("k", "K"), k),
+        **{name: Constant([1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]) for name in ("r", "R")},
+        **{name: p.reshape(count, 12) for name in ("p", "P")},
+        "binning_x": Constant(0),
+        "binning_y": Constant(0),
+        "roi": Constant(region),
+    }
+
+
+def image(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
+    """Return the columns of sensor_msgs/Image."""
+    data = values["data"]
+    one = context.derived.fields["data"][-1]
+    count, height, width = data.shape[:3]
+    if data.ndim == 4:
+        encoding, high = _COLORS[data.shape[3]], 255
+        dtype: np.dtype[Any] = np.dtype("u1")
+    else:
+        (encoding, dtype), high = _DEPTHS[one.kind], 65535
+    if dtype.kind == "u":
+        bad = ((data < 0) | (data > high) | (data != np.floor(data))).reshape(count, -1).any(axis=1)
+        if bad.any():
+            return BadRows(bad, f"field {one.key!r} has pixels outside 0 to {high}, which {encoding} cannot say")
+    pixels = np.ascontiguousarray(data, dtype).reshape(count, -1).view(np.uint8)
+    return {
+        "header": context.header,
+        "height": Constant(height),
+        "width": Constant(width),
+        "encoding": Constant(encoding),
+        "is_bigendian": Constant(0),
+        "step": Constant(pixels.shape[1] // max(height, 1)),
+        "data": pixels,
+    }
+
+
+def compressed(context: Context, values: dict[str, Any]) -> dict[str, Column] | BadRows:
+    """Return the columns of sensor_msgs/CompressedImage."""
+    found = _pictures(context, values["data"])
+    if isinstance(found, BadRows):
+        return found
+    data = found
+    spans = zip(data.starts.tolist(), data.lengths.tolist(), strict=True)
+    formats = [_format(data.items[start : start + min(length, 8)].tobytes()) for start, length in spans]
+    bad = np.array([not one for one in formats])
+    if bad.any():
+        if context.load is not None and context.derived.fields["data"][-1].kind == "string":
+            name = _text(values["data"], int(np.argmax(bad)))
+            return BadRows(bad, f"field {context.derived.key('data')!r} names {name!r}, which is neither JPEG nor PNG")
+        return BadRows(bad, f"field {context.derived.key('data')!r} is neither a JPEG nor a PNG", is_other=True)
+    return {"header": context.header, "format": texts(formats), "data": data}
+
+
+def _pictures(context: Context, given: Ragged) -> Ragged | BadRows:
+    """Return the images, [N], whether a field has them or names their files."""
+    if context.load is None or context.derived.fields["data"][-1].kind != "string":
+        return given
+    key = context.derived.key("data")
+    names = [_text(given, number) for number in range(len(context.rows))]
+    others = np.array([not names_image(name) for name in names])
+    if others.any():
+        what = f"field {key!r} is {names[int(np.argmax(others))]!r}, which is no path of a .jpg or .png file"
+        return BadRows(others, what, is_other=True)
+    files: list[bytes] = []
+    missing = np.zeros(len(names), np.bool_)
+    why = ""
+    for number, name in enumerate(names):
+        try:
+            files.append(context.load(name))
+        except ValueError as error:
+            missing[number] = True
+            why = why or f"field {key!r} {error}"
+    if why:
+        return BadRows(missing, why)
+    lengths = np.fromiter(map(len, files), np.int64, len(files))
+    return Ragged.behind_each_other(np.frombuffer(b"".join(files), np.uint8), lengths)
+
+
+def _text(column: Ragged, number: int) -> str:
+    start = int(column.starts[number])
+    return bytes(column.items[start : start + int(column.lengths[number])]).decode()
+
+
+def _format(head: bytes) -> str:
+    if head.startswith(b"\x89PNG"):
+        return "png"
+    return "jpeg" if head.startswith(b"\xff\xd8") else ""
