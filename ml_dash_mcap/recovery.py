@@ -8,7 +8,7 @@ import json
 import logging
 import os
 import socket
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from .errors import DamagedFileError, MissingRecordingError
 from .layout import (
     ABOUT_RECORD,
     ACTIVE_SUFFIX,
+    BLOCK_OPCODE,
     JOURNAL_FILE,
     JOURNAL_RECORD,
     KIND_KEY,
@@ -31,6 +32,7 @@ from .options import RecorderOptions
 from .read import chunk as read_chunk
 from .read import records as read
 from .read.file import File
+from .read.index import FileIndex
 from .version import LIBRARY
 from .write import records
 from .write.blocks import STAMP, BlockWriter
@@ -76,7 +78,7 @@ class _Leftover:
     end: int
     """Where the last sound one ends."""
     session: str | None = None
-    chunk: int = -1
+    block: int = -1
     """Its number among the session's blocks with rows."""
     starts: list[int] = field(default_factory=list)
     gaps: list[tuple[int, int]] = field(default_factory=list)
@@ -102,7 +104,7 @@ class _Leftover:
         elif opcode == read.Opcode.METADATA:
             found = read.metadata(fields)
             if found.name == JOURNAL_RECORD:
-                self.session, self.chunk = found.values["session"], int(found.values["chunk"])
+                self.session, self.block = found.values["session"], int(found.values["block"])
             else:
                 self.extras.append((at, end))
         self.gaps.append((at, end))
@@ -159,9 +161,10 @@ def _recover_session(folder: Path, lock: SessionLock) -> Recovered:
     about = {str(key): str(value) for key, value in dict(said.get("about") or {}).items()}
     unfinished = list(_unfinished(folder, session, about.pop(STAMP, "")))
     torn_bytes = sum(map(_torn_chunk, unfinished))
-    finished = [_finish(path) for path in unfinished]
+    journaled = {leftover.block for leftover in leftovers if leftover.starts}
+    finished = [_finish(path, journaled) for path in unfinished]
     written, sequences = _written_so_far(folder, session)
-    pending = [leftover for leftover in leftovers if leftover.chunk >= written]
+    pending = [leftover for leftover in leftovers if leftover.block >= written]
     rows = sum(len(leftover.starts) for leftover in pending)
     if rows or any(leftover.extras for leftover in pending):
         about = {"prefix": folder.name, "run": session, **about, "library": LIBRARY, "recovered": "true"}
@@ -203,7 +206,7 @@ def _journal_names(pattern: str, session: str) -> list[str]:
 def _read_journals(paths: list[Path], session: str) -> list[_Leftover]:
     """Read the buffers that hold something, in the order in which they were filled."""
     found = [_read_journal(path, session) for path in paths]
-    return sorted((one for one in found if one is not None), key=lambda one: (one.chunk, bool(one.starts)))
+    return sorted((one for one in found if one is not None), key=lambda one: (one.block, bool(one.starts)))
 
 
 def _read_journal(path: Path, session: str) -> _Leftover | None:
@@ -284,8 +287,13 @@ def _run_of(path: Path) -> str | None:
         file.close()
 
 
-def _finish(path: Path) -> Path:
-    """Give an unfinished segment its end, and its name if that is all it lacks."""
+def _finish(path: Path, journaled: Collection[int]) -> Path:
+    """Give an unfinished segment its end, and its name if that is all it lacks.
+
+    Args:
+        path: The segment.
+        journaled: Numbers of the blocks that can be written again: what a crash left of the chunks of one is cut off.
+    """
     file = File(path)
     try:
         index = file.index
@@ -294,24 +302,41 @@ def _finish(path: Path) -> Path:
             finished = path.with_name(path.name.removesuffix(ACTIVE_SUFFIX))
             path.rename(finished)
             return finished
-        contents = _contents(index)
+        blocks, kept = _whole_blocks(file)
+        chunks = index.chunks if blocks not in journaled else index.chunks[:kept]
+        contents = _contents(index, chunks)
         for number in torn:
             contents.schemas[number] = _bare(contents.schemas[number])
-        last = index.chunks[-1] if index.chunks else None
+        last = chunks[-1] if chunks else None
         rebuilt: dict[int, bytes] = {}
-        size = index.end
+        size = index.end if len(chunks) == len(index.chunks) else index.chunks[kept].offset
         if last is not None and not last.indexed:
             scan = read_chunk.scan(file.unpack(last), last, file.source.name)
             rebuilt = {number: _message_index(found) for number, found in scan.indexes.items()}
             contents.counts = _add(contents.counts, scan.counts)
             size = last.end
-            contents.metadata = [entry for entry in contents.metadata if entry.offset < size]
+        contents.metadata = [entry for entry in contents.metadata if entry.offset < size]
     finally:
         file.close()
     segment = Segment.reopen(path, size, contents, torn)
     if rebuilt:
         segment.add_message_indexes(rebuilt)
     return segment.finish()
+
+
+def _whole_blocks(file: File) -> tuple[int, int]:
+    """Return how many blocks a session has up to the last whole one in a file, and how many of its chunks those are."""
+    chunks = file.index.chunks
+    for number in range(len(chunks), 0, -1):
+        chunk = chunks[number - 1]
+        at = chunk.end + chunk.message_index_length
+        opcode, length = read.prefix(file.source.read(at, read.PREFIX_BYTES).ljust(read.PREFIX_BYTES, b"\0"), 0)
+        if chunk.indexed and (opcode, length) == (BLOCK_OPCODE, 8):
+            said = file.source.read(at + read.PREFIX_BYTES, 8)
+            if len(said) == 8:
+                return int.from_bytes(said, "little") + 1, number
+    about = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
+    return int(about.get("first_block", 0)), 0
 
 
 def _torn_chunk(path: Path) -> int:
@@ -353,7 +378,7 @@ def _bare(record: bytes) -> bytes:
     return record[: len(record) - len(schema.data)] + b'{"type":"object"}'.ljust(len(schema.data))
 
 
-def _contents(index: Any) -> Contents:
+def _contents(index: FileIndex, chunks: Iterable[read.Chunk]) -> Contents:
     """Say what an unfinished file holds in the terms of its summary; its last chunk may lack its message index."""
     contents = Contents()
     for schema in index.schemas.values():
@@ -370,7 +395,7 @@ def _contents(index: Any) -> Contents:
                 metadata=dict(channel.metadata),
             )
         )
-    for chunk in index.chunks:
+    for chunk in chunks:
         contents.chunks.append(
             ChunkIndex(
                 chunk_length=chunk.length,
@@ -407,7 +432,7 @@ def _written_so_far(folder: Path, session: str) -> tuple[int, dict[str, int]]:
 
     The session's segments are its newest ones, so that older runs in the folder are not opened.
     """
-    chunks, rows = 0, dict[str, int]()
+    blocks, rows = 0, dict[str, int]()
     for path in sorted(folder.glob(f"*{SEGMENT_SUFFIX}"), reverse=True):
         try:
             file = File(path)
@@ -416,13 +441,13 @@ def _written_so_far(folder: Path, session: str) -> tuple[int, dict[str, int]]:
         try:
             about = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
             if about.get("run") != session:
-                if chunks:
+                if blocks:
                     break
                 continue
-            chunks = max(chunks, int(about.get("first_chunk", 0)) + len(file.index.chunks))
+            blocks = max(blocks, _whole_blocks(file)[0])
             for number, count in file.index.message_counts.items():
                 topic = file.index.channels[number].topic
                 rows[topic] = rows.get(topic, 0) + count
         finally:
             file.close()
-    return chunks, rows
+    return blocks, rows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from .losses import Loss
@@ -29,7 +29,7 @@ class FileIndex:
     header: Header
     schemas: Mapping[int, Schema]
     channels: Mapping[int, Channel]
-    chunks: tuple[Chunk, ...]
+    chunks: Sequence[Chunk]
     """In the order of the file."""
     message_counts: Mapping[int, int]
     """Channel to its number of messages."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+from . import chunk_table
 from .index import FileIndex
 from .records import Chunk
 
@@ -43,7 +44,7 @@ class Span:
 
 
 def chunks(
-    indexes: Sequence[FileIndex], channels: Sequence[Container[int] | None], start_ns: int, end_ns: int
+    indexes: Sequence[FileIndex], channels: Sequence[Collection[int] | None], start_ns: int, end_ns: int
 ) -> list[Located]:
     """Return every chunk that may hold a wanted message, by start time (those of one time in the order of writing).
 
@@ -56,22 +57,11 @@ def chunks(
     found: list[Located] = []
     rank = 0
     for file, (index, wanted) in enumerate(zip(indexes, channels, strict=True)):
-        for chunk in index.chunks:
-            if chunk.end_ns >= start_ns and chunk.start_ns <= end_ns and _holds(chunk, wanted):
-                found.append(Located(file, rank, chunk))
-            rank += 1
+        held = chunk_table.holding(index.chunks, wanted, start_ns, end_ns)
+        found += [Located(file, rank + at, chunk) for at, chunk in held]
+        rank += len(index.chunks)
     found.sort(key=lambda located: (located.chunk.start_ns, located.rank))
     return found
-
-
-def _holds(chunk: Chunk, wanted: Container[int] | None) -> bool:
-    if wanted is None:
-        return True
-    if chunk.indexed:
-        return any(channel in wanted for channel in chunk.message_index_offsets)
-    if chunk.counts is not None:
-        return any(channel in wanted for channel in chunk.counts)
-    return True
 
 
 def coalesce(located: Sequence[Located]) -> list[Span]:
@@ -93,7 +83,7 @@ def _follows(one: Located, last: Span) -> bool:
 
 
 def spans(
-    indexes: Sequence[FileIndex], channels: Sequence[Container[int] | None], start_ns: int, end_ns: int
+    indexes: Sequence[FileIndex], channels: Sequence[Collection[int] | None], start_ns: int, end_ns: int
 ) -> list[Span]:
     """Return the ranges of bytes that hold every wanted message, by the start time of their first chunks.
 

@@ -7,16 +7,22 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 from zlib import crc32
 
+import numpy as np
+
 from ..errors import DamagedFileError
-from . import chunk_indexes, records
+from . import records
 from .chunk import MESSAGE_HEAD
+from .chunk_indexes import ChunkIndexes
+from .chunk_table import ChunkTable
 from .fields import Fields
 from .index import FileIndex, Glance
 from .limits import Limits
-from .records import AttachmentEntry, Channel, Chunk, Footer, Header, MetadataEntry, Opcode, Schema, Statistics
+from .records import AttachmentEntry, Channel, Footer, Header, MetadataEntry, Opcode, Schema, Statistics
 from .source import Source
 
 _TAIL_BYTES = records.FOOTER_BYTES + len(records.MAGIC)
+
+_LAST = 2**64 - 1
 
 _SMALL_BYTES = 64 * 1024
 """A summary up to this size is read whole at once."""
@@ -55,6 +61,7 @@ def read(source: Source, size: int, header: Header, found: Footer, limits: Limit
         raise DamagedFileError(source.name, start, "a summary whose checksum (CRC-32) does not match its content")
     contents = _Contents(source.name)
     contents.take(memoryview(data)[: end - start], start)
+    contents.chunks = contents.indexes.table(start)
     contents.check_apart(start)
     return contents.index(header, start) if contents.is_sufficient(limits) else None
 
@@ -114,9 +121,9 @@ def clues(source: Source, size: int, found: Footer, limits: Limits) -> Clues:
     contents = _Contents(source.name)
     with suppress(DamagedFileError):
         contents.take(memoryview(source.read(start, size - _TAIL_BYTES - start)), start)
-    places = {
-        entry.offset for entries in (contents.chunks, contents.metadata, contents.attachments) for entry in entries
-    }
+    places = {entry.offset for entries in (contents.metadata, contents.attachments) for entry in entries}
+    with suppress(DamagedFileError):
+        places.update(contents.indexes.table(start).numbers["offset"].tolist())
     said = contents.statistics
     return Clues(sorted(places), None if said is None else said.message_count)
 
@@ -134,7 +141,7 @@ def _groups(data: memoryview, path: str, base: int) -> list[tuple[int, int, int]
     ]
 
 
-Entry = TypeVar("Entry", Chunk, MetadataEntry, AttachmentEntry)
+Entry = TypeVar("Entry", MetadataEntry, AttachmentEntry)
 
 
 @dataclass(slots=True)
@@ -144,28 +151,29 @@ class _Contents:
     path: str
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    chunks: list[Chunk] = field(default_factory=list)
+    chunks: ChunkTable = field(default_factory=ChunkTable)
     metadata: list[MetadataEntry] = field(default_factory=list)
     attachments: list[AttachmentEntry] = field(default_factory=list)
     statistics: Statistics | None = None
+    indexes: ChunkIndexes = field(init=False)
+    """Of the chunks; `chunks` is what they say."""
+
+    def __post_init__(self) -> None:
+        self.indexes = ChunkIndexes(self.path)
 
     def take(self, data: memoryview, start: int) -> None:
         """Take in records; `start` is where in the file they do.
 
         Raises:
-            DamagedFileError: A record contradicts itself, or points where it cannot point to.
+            DamagedFileError: A record contradicts itself.
         """
-        for opcode, at, fields in chunk_indexes.split(data, self.path, start, self.chunks):
+        for opcode, _, fields in self.indexes.split(data, start):
             if opcode == Opcode.SCHEMA:
                 schema = records.schema(fields)
                 self.schemas[schema.id] = schema
             elif opcode == Opcode.CHANNEL:
                 channel = records.channel(fields)
                 self.channels[channel.id] = channel
-            elif opcode == Opcode.CHUNK_INDEX:
-                chunk = records.chunk_index(fields)
-                chunk_indexes.check(chunk, self.path, at, start)
-                self.chunks.append(chunk)
             elif opcode == Opcode.METADATA_INDEX:
                 self.metadata.append(records.metadata_index(fields))
             elif opcode == Opcode.ATTACHMENT_INDEX:
@@ -179,19 +187,22 @@ class _Contents:
         Raises:
             DamagedFileError: Something does: a small file could say any number of times what one long record says.
         """
-        self.chunks = _in_order(self.chunks)
         self.metadata = _in_order(self.metadata)
         self.attachments = _in_order(self.attachments)
-        places = [(chunk.offset, chunk.end + chunk.message_index_length) for chunk in self.chunks]
-        places += [(entry.offset, entry.offset + entry.length) for entry in self.metadata]
-        places += [(entry.offset, entry.offset + entry.length) for entry in self.attachments]
-        if self.metadata or self.attachments:
-            places.sort()
-        last = 0
-        for start, stop in places:
-            if start < last or not start < stop <= end:
-                raise DamagedFileError(self.path, start, "the summary puts something here where it cannot be")
-            last = stop
+        entries: list[MetadataEntry | AttachmentEntry] = [*self.metadata, *self.attachments]
+        starts = [np.array([entry.offset for entry in entries], np.uint64)]
+        stops = [np.array([min(entry.offset + entry.length, _LAST) for entry in entries], np.uint64)]
+        numbers = self.chunks.numbers
+        starts.append(numbers["offset"])
+        stops.append(numbers["offset"] + numbers["length"] + numbers["index_bytes"])
+        start = np.concatenate(starts)
+        order = np.argsort(start, kind="stable")
+        start, stop = start[order], np.concatenate(stops)[order]
+        wrong = (start >= stop) | (stop > np.uint64(end))
+        wrong[1:] |= start[1:] < stop[:-1]
+        if wrong.any():
+            at = int(start[wrong.argmax()])
+            raise DamagedFileError(self.path, at, "the summary puts something here where it cannot be")
 
     def index(self, header: Header, end: int) -> FileIndex:
         """Return it as the index of a file whose data section ends at `end`."""
@@ -200,7 +211,7 @@ class _Contents:
             header=header,
             schemas=self.schemas,
             channels=self.channels,
-            chunks=tuple(self.chunks),
+            chunks=self.chunks,
             message_counts=self.statistics.channel_message_counts if self.statistics is not None else {},
             metadata=tuple(self.metadata),
             attachments=tuple(self.attachments),
@@ -212,13 +223,11 @@ class _Contents:
     def is_sufficient(self, limits: Limits) -> bool:
         """Whether it says enough to find every message, channel, metadata record and attachment."""
         said = self.statistics
-        room = sum(min(chunk.uncompressed_size, limits.chunk_bytes) for chunk in self.chunks)
+        unpacked = self.chunks.numbers["unpacked"]
+        room = int(np.minimum(unpacked, np.uint64(limits.chunk_bytes)).sum())
         if said is None or said.chunk_count != len(self.chunks) or said.message_count * MESSAGE_HEAD.itemsize > room:
             return False
-        named: set[int] = set()
-        for chunk in self.chunks:
-            named.update(chunk.message_index_offsets)
-        return named <= set(self.channels) and self.knows_channels() and self.knows_entries()
+        return self.chunks.channels() <= set(self.channels) and self.knows_channels() and self.knows_entries()
 
     def knows_channels(self) -> bool:
         """Whether all channels that have messages are known, with their schemas."""

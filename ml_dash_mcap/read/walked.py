@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from ..errors import DamagedFileError
+from ..layout import BLOCK_OPCODE
 from . import records
 from .chunk import Scan
 from .index import FileIndex
@@ -83,7 +84,8 @@ class Walked:
         elif opcode == Opcode.ATTACHMENT:
             start = self._window.content(at, length, at_most=_ATTACHMENT_HEAD_BYTES)
             self.attachments.append(records.attachment(start, at, records.PREFIX_BYTES + length))
-        if opcode not in _IN_DATA and self.chunks and at == _behind(self.chunks[-1]):
+        is_known = opcode in _IN_DATA or (opcode, length) == (BLOCK_OPCODE, 8)
+        if not is_known and self.chunks and at == _behind(self.chunks[-1]):
             self.doubt()  # it may have been a message index
 
     def doubt(self) -> None:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from ..errors import DamagedFileError
 from ..layout import ABOUT_RECORD
-from . import ahead, rows
+from . import ahead, chunk_table, rows
 from .chunk import Messages
 from .file import File
 from .records import Chunk
@@ -86,18 +86,13 @@ def _parts(file: File, topics: Collection[str], damage: list[DamagedFileError]) 
             return error
 
     found: list[_Part] = []
-    chunks = (chunk for chunk in index.chunks if _may_hold(chunk, wanted))
+    chunks = (chunk for _, chunk in chunk_table.holding(index.chunks, wanted, 0, rows.LAST_NS))
     for parts in ahead.in_order(do, chunks, weigh=lambda chunk: chunk.uncompressed_size):
         if isinstance(parts, DamagedFileError):
             damage.append(parts)
         else:
             found += parts
     return found
-
-
-def _may_hold(chunk: Chunk, wanted: Mapping[int, str]) -> bool:
-    known = chunk.message_index_offsets if chunk.indexed else chunk.counts
-    return known is None or any(id_ in wanted for id_ in known)
 
 
 def _parts_of(file: File, chunk: Chunk, wanted: Mapping[int, str]) -> list[_Part]:

@@ -28,13 +28,17 @@ from . import records
 from .channels import ChannelInfo
 from .chunk import Compressor, build, compressor
 from .merging import merge_same_time
-from .rows import Block, Rows, pack, replaced
+from .rows import Block, Rows, pack, replaced, split
 from .segment import Segment
 
 _log = logging.getLogger("ml_dash_mcap")
 
 _SPARE_BYTES = 512
 """A schema has at least this much room to grow in place, and at least as much as it is long."""
+
+_OWN_CHUNK_BYTES = 32 * 1024
+"""A topic with so many bytes in a block gets a chunk of its own there: who wants that topic unpacks nothing else. For
+fewer, the chunk's head and index and a read of their own cost more than that saves."""
 
 
 @dataclass(slots=True)
@@ -64,7 +68,7 @@ class BlockWriter:
         options: RecorderOptions,
         about: Mapping[str, str],
         channels: Mapping[int, ChannelInfo],
-        first_chunk: int = 0,
+        first_block: int = 0,
         sequences: Mapping[int, int] | None = None,
     ) -> None:
         """Prepare; the first segment is made with the first block.
@@ -74,7 +78,7 @@ class BlockWriter:
             options: The recorder's.
             about: The constant part of the `ml_dash` metadata record; `library` is also the header's.
             channels: The topics by number; others may add to it while this writes.
-            first_chunk: Number of the first block with rows, where a recovery goes on.
+            first_block: Number of the first block with rows, where a recovery goes on.
             sequences: Rows that each topic has already, where a recovery goes on.
         """
         self.folder = folder
@@ -82,9 +86,10 @@ class BlockWriter:
         self.bytes_written = 0
         self.clock = "unknown"
         """epoch, relative (starts near 0), mixed or unknown: how the tracks' time stamps look."""
-        self.first_chunk = first_chunk
+        self.first_block = first_block
         """Number of the next block with rows; recovery tells by it which blocks are in a file."""
         self._options = options
+        self._own_chunk_bytes = min(_OWN_CHUNK_BYTES, options.chunk_bytes // 16)
         self._about = dict(about)
         self._channels = channels
         self.compress: Compressor = compressor(options)
@@ -169,13 +174,14 @@ class BlockWriter:
 
     def _write_rows(self, rows: Rows) -> None:
         segment = self._ensure_channels(rows)
-        chunk = build(rows, self.compress)
+        chunks = [build(part, self.compress) for part in split(rows, self._own_chunk_bytes)]
         before = segment.size
-        segment.add_chunk(chunk)
+        segment.add_block(chunks, self.first_block)
         self.bytes_written += segment.size - before
-        self.first_chunk += 1
-        for number, count in chunk.counts.items():
-            self._sequences[number] = self._sequences.get(number, 0) + count
+        self.first_block += 1
+        for chunk in chunks:
+            for number, count in chunk.counts.items():
+                self._sequences[number] = self._sequences.get(number, 0) + count
 
     def _next_sequence(self, rows: Rows) -> npt.NDArray[np.uint32]:
         """Number each topic's rows on from its last one."""
@@ -279,7 +285,7 @@ class BlockWriter:
             "segment": str(self._number),
             "start": datetime.datetime.now(datetime.timezone.utc).isoformat(),
             "clock": self.clock,
-            "first_chunk": str(self.first_chunk),
+            "first_block": str(self.first_block),
             "parameters": json.dumps({name: json.loads(text) for name, text in self._parameters.items()}),
         }
 

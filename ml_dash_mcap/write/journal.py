@@ -60,7 +60,7 @@ class Journal:
         self.writer_ident: int | None = None
         """Which thread recycles the buffers, and so must not wait for one."""
         self._registry = b""
-        self._chunks = 0
+        self._blocks = 0
         self._sealed_rows = 0
         self._large_taken = self._large_given_back = 0
         self._sealed: queue.SimpleQueue[tuple[Buffer, ...] | int] = queue.SimpleQueue()
@@ -74,8 +74,8 @@ class Journal:
         self.active.begin(self._prologue(0, self._registry))
         _LIVE.add(self)
 
-    def _prologue(self, chunk: int, registry: bytes) -> bytes:
-        whose = records.metadata(JOURNAL_RECORD, {"session": self.session.name, "chunk": str(chunk)})
+    def _prologue(self, block: int, registry: bytes) -> bytes:
+        whose = records.metadata(JOURNAL_RECORD, {"session": self.session.name, "block": str(block)})
         return records.header("ml_dash_mcap journal") + whose + registry
 
     # -- appending threads -------------------------------------------------------------------------------------------
@@ -348,14 +348,14 @@ class Journal:
         del free[0]
         try:  # no call since `free` was looked at
             end, registry, put = full.end, self._registry, self._sealed.put
-            rows, chunks = self._sealed_rows + len(full.starts), self._chunks + bool(full.starts)
+            rows, blocks = self._sealed_rows + len(full.starts), self._blocks + bool(full.starts)
             sealed: tuple[Buffer, ...] = (full,)
             if own is not None:
-                _fill_large(own, self._prologue(chunks, registry), record)
-                sealed, rows, chunks = (full, own), rows + 1, chunks + 1
-            fresh.begin(self._prologue(chunks, registry))
+                _fill_large(own, self._prologue(blocks, registry), record)
+                sealed, rows, blocks = (full, own), rows + 1, blocks + 1
+            fresh.begin(self._prologue(blocks, registry))
             if self.active is full and full.end == end and self._registry is registry:  # no call between
-                self._chunks = chunks
+                self._blocks = blocks
                 self._sealed_rows = rows
                 self.active = fresh
                 is_used = True

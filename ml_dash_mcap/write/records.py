@@ -14,6 +14,8 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, Footer, Header, McapRecord, Metadata, Schema
 
+from ..layout import BLOCK_OPCODE
+
 MAGIC = b"\x89MCAP0\r\n"
 
 MESSAGE_OPCODE = int(Opcode.MESSAGE)
@@ -88,6 +90,11 @@ def chunk_head(
     body = struct.pack("<QQQII", start_ns, end_ns, uncompressed_size, crc, len(name))
     body += name + struct.pack("<Q", compressed_size)
     return struct.pack("<BQ", Opcode.CHUNK, len(body) + compressed_size) + body
+
+
+def block_end(number: int) -> bytes:
+    """Return the private record that follows a block's chunks."""
+    return struct.pack("<BQQ", BLOCK_OPCODE, 8, number)
 
 
 def message_index(channel_id: int, entries: np.ndarray) -> bytes:

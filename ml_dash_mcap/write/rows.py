@@ -89,6 +89,33 @@ def pack(block: Block) -> Rows:
     )
 
 
+def split(rows: Rows, own_bytes: int) -> list[Rows]:
+    """Return the rows of each channel that has `own_bytes` or more, by channel, and those of all others together, last.
+
+    They are copied, unless all stay together. `uniform` is not kept.
+    """
+    sizes = np.bincount(rows.channels, weights=rows.ends - rows.starts)
+    heavy = np.flatnonzero(sizes >= own_bytes)
+    others = np.flatnonzero(~np.isin(rows.channels, heavy)) if len(heavy) else rows.channels[:0]
+    if len(heavy) + bool(len(others)) < 2:
+        return [rows]
+    parts = [_taken(rows, np.flatnonzero(rows.channels == channel)) for channel in heavy]
+    return [*parts, _taken(rows, others)] if len(others) else parts
+
+
+def _taken(rows: Rows, which: npt.NDArray[np.intp]) -> Rows:
+    """Return some of the rows, copied to lie one after the other."""
+    block = memoryview(rows.data)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
+    firsts = np.flatnonzero(np.diff(which, prepend=-2) != 1)
+    lasts = np.append(firsts[1:], len(which)) - 1
+    starts, ends = rows.starts[which], rows.ends[which]
+    data = b"".join([block[a:b] for a, b in zip(starts[firsts].tolist(), ends[lasts].tolist(), strict=True)])
+    new_ends = np.cumsum(ends - starts)
+    return Rows(
+        np.frombuffer(data, np.uint8), new_ends - (ends - starts), new_ends, rows.channels[which], rows.times[which]
+    )
+
+
 def replaced(rows: Rows, keep: npt.NDArray[np.bool_], payloads: dict[int, tuple[int, bytes]]) -> Rows:
     """Return rows with some left out and some rewritten.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -167,10 +167,16 @@ class Segment:
         self._write(record)
         self.contents.metadata.append(MetadataIndex(offset=at, length=len(record), name=name))
 
-    def add_chunk(self, chunk: Chunk) -> None:
-        """Write a chunk and its message indexes in one call."""
+    def add_block(self, chunks: Sequence[Chunk], number: int) -> None:
+        """Write a block's chunks with their message indexes, and what says that these are all, in one call."""
         at = self.size
-        self._write(chunk.head, chunk.data, *chunk.indexes.values())
+        pieces = [piece for chunk in chunks for piece in (chunk.head, chunk.data, *chunk.indexes.values())]
+        self._write(*pieces, records.block_end(number))
+        for chunk in chunks:
+            at = self._note_chunk(chunk, at)
+
+    def _note_chunk(self, chunk: Chunk, at: int) -> int:
+        """Take a chunk that starts at `at` into the summary; returns where its message indexes end."""
         offsets, position = {}, at + chunk.length
         for channel, index in chunk.indexes.items():
             offsets[channel] = position
@@ -190,6 +196,7 @@ class Segment:
         )
         for channel, count in chunk.counts.items():
             self.contents.counts[channel] = self.contents.counts.get(channel, 0) + count
+        return position
 
     def sync(self) -> None:
         """Wait until what was written would survive a power cut."""

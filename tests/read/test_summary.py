@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import DamagedFileError
-from ml_dash_mcap.read import chunk_indexes, records
+from ml_dash_mcap.read import chunk_indexes, chunk_table, records
 from ml_dash_mcap.read.file import File
 from ml_dash_mcap.read.records import Chunk, Opcode
 from tests.support import raw
@@ -24,25 +24,26 @@ SUMMARY_START = 1_000_000
 
 
 def one_by_one(data: bytes) -> list[Chunk]:
-    """What a summary's chunk indexes say, each read and checked on its own."""
+    """What a summary's chunk indexes say, each read and checked on its own, by where the chunks lie."""
     found: list[Chunk] = []
     for opcode, at, fields in records.split(data, "file", SUMMARY_START):
         if opcode == Opcode.CHUNK_INDEX:
             chunk = records.chunk_index(fields)
             chunk_indexes.check(chunk, "file", at, SUMMARY_START)
             found.append(chunk)
-    return found
+    return sorted(found, key=lambda chunk: chunk.offset)
 
 
 def at_once(data: bytes) -> list[Chunk]:
     """The same, as a summary is really read."""
-    found: list[Chunk] = []
-    for opcode, at, fields in chunk_indexes.split(memoryview(data), "file", SUMMARY_START, found):
-        if opcode == Opcode.CHUNK_INDEX:
-            chunk = records.chunk_index(fields)
-            chunk_indexes.check(chunk, "file", at, SUMMARY_START)
-            found.append(chunk)
-    return found
+    indexes = chunk_indexes.ChunkIndexes("file")
+    try:
+        for opcode, _, _ in indexes.split(memoryview(data), SUMMARY_START):
+            assert opcode != Opcode.CHUNK_INDEX
+    except DamagedFileError:
+        indexes.table(SUMMARY_START)  # what comes before the damage is told first
+        raise
+    return list(indexes.table(SUMMARY_START))
 
 
 def outcome(read, data: bytes) -> object:
@@ -113,6 +114,19 @@ def test_chunk_indexes_read_at_once_are_those_read_one_by_one(parts):
 def test_chunk_indexes_that_lie_give_the_same_chunks_or_the_same_error(parts):
     data = b"".join(part * times for part, times in parts)
     assert outcome(at_once, data) == outcome(one_by_one, data)
+
+
+@given(SUMMARIES, st.sets(st.integers(0, 8), max_size=3), st.tuples(NUMBER, NUMBER))
+def test_chunks_are_picked_by_their_arrays_as_they_would_be_one_by_one(parts, channels, times):
+    data = b"".join(part * times for part, times in parts)
+    indexes = chunk_indexes.ChunkIndexes("file")
+    for _ in indexes.split(memoryview(data), SUMMARY_START):
+        pass
+    table = indexes.table(SUMMARY_START)
+    for wanted in (None, channels):
+        assert list(table.holding(wanted, *times)) == list(chunk_table.holding(one_by_one(data), wanted, *times))
+    assert table[:3] == list(table)[:3]
+    assert table.channels() == {channel for chunk in table for channel in chunk.message_index_offsets}
 
 
 @pytest.mark.parametrize("field", range(6))

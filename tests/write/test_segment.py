@@ -54,7 +54,7 @@ def test_a_name_says_when_in_utc_and_sorts_in_the_order_of_writing(tmp_path: Pat
     assert disk.segments(tmp_path)[0].name[:15] >= before
     starts = [about["start"] for about in disk.metadata(tmp_path, "ml_dash")]
     assert starts == sorted(starts)
-    assert {"prefix", "run", "segment", "start", "host", "library", "clock", "first_chunk"} <= abouts[0].keys()
+    assert {"prefix", "run", "segment", "start", "host", "library", "clock", "first_block"} <= abouts[0].keys()
 
 
 def test_a_clock_that_was_set_back_does_not_put_new_segments_before_old_ones(tmp_path: Path) -> None:

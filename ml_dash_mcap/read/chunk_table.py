@@ -1,0 +1,152 @@
+"""Where the chunks of a file lie, as arrays: a long recording has tens of thousands, of which a read wants a few."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+import numpy.typing as npt
+
+from .records import Chunk
+
+NUMBERS = np.dtype(
+    [(name, np.uint64) for name in ("start_ns", "end_ns", "offset", "length", "index_bytes", "packed", "unpacked")]
+)
+"""What is known of each chunk besides its message indexes; times in ns, the rest in bytes."""
+
+_LAST = 2**64 - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Alike:
+    """Chunks whose indexes have one form."""
+
+    rows: npt.NDArray[np.intp]
+    """Which chunks, in the order of their chunk indexes, [M]."""
+    compression: str
+    ids: npt.NDArray[np.uint16]
+    """Channels that have messages, [M, channels]."""
+    offsets: npt.NDArray[np.uint64]
+    """Where their message indexes lie in the file, [M, channels], bytes."""
+
+
+class ChunkTable(Sequence[Chunk]):
+    """The chunks of a finished file, in the order of the file. Each becomes a `Chunk` when it is asked for."""
+
+    def __init__(
+        self,
+        numbers: npt.NDArray[np.void] | None = None,
+        alike: Sequence[Alike] = (),
+        others: Iterable[tuple[int, Chunk]] = (),
+    ) -> None:
+        """Sort chunks by where they lie.
+
+        Args:
+            numbers: Of each chunk, `NUMBERS`, in the order of their chunk indexes, [N]; None if there are none.
+            alike: The chunks whose indexes were read together.
+            others: All others, each with its place in `numbers`.
+        """
+        numbers = np.zeros(0, NUMBERS) if numbers is None else numbers
+        order = np.argsort(numbers["offset"], kind="stable")
+        place = np.empty(len(order), np.intp)
+        place[order] = np.arange(len(order))
+        self.numbers = numbers[order]
+        self._alike = [Alike(place[one.rows], one.compression, one.ids, one.offsets) for one in alike]
+        self._group = np.full(len(order), -1, np.intp)
+        self._row = np.zeros(len(order), np.intp)
+        for group, one in enumerate(self._alike):
+            self._group[one.rows] = group
+            self._row[one.rows] = np.arange(len(one.rows))
+        self._known: dict[int, Chunk] = {int(place[at]): chunk for at, chunk in others}
+        self._others = list(self._known)
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @overload
+    def __getitem__(self, at: int) -> Chunk: ...
+    @overload
+    def __getitem__(self, at: slice) -> list[Chunk]: ...
+    def __getitem__(self, at: int | slice) -> Chunk | list[Chunk]:
+        if isinstance(at, slice):
+            return [self[one] for one in range(*at.indices(len(self)))]
+        place = range(len(self))[at]
+        chunk = self._known.get(place)
+        if chunk is None:
+            chunk = self._known[place] = self._made(place)
+        return chunk
+
+    def __iter__(self) -> Iterator[Chunk]:
+        return (self[at] for at in range(len(self)))
+
+    def holding(self, channels: Collection[int] | None, start_ns: int, end_ns: int) -> Iterator[tuple[int, Chunk]]:
+        """Yield the place and the chunk of all that may hold a wanted message.
+
+        Args:
+            channels: The ids of the wanted channels; None for all.
+            start_ns: First log time wanted, in ns.
+            end_ns: Last log time wanted, included, in ns.
+        """
+        if start_ns > _LAST or end_ns < 0:
+            return
+        wanted = self.numbers["end_ns"] >= np.uint64(max(start_ns, 0))
+        wanted &= self.numbers["start_ns"] <= np.uint64(min(end_ns, _LAST))
+        if channels is not None:
+            wanted &= self._hold(channels)
+        for at in np.flatnonzero(wanted).tolist():
+            yield at, self[at]
+
+    def channels(self) -> set[int]:
+        """Return the ids of all channels that a chunk has a message index of."""
+        found: set[int] = set()
+        for one in self._alike:
+            found.update(np.unique(one.ids).tolist())
+        for at in self._others:
+            found.update(self[at].message_index_offsets)
+        return found
+
+    def _hold(self, channels: Collection[int]) -> npt.NDArray[np.bool_]:
+        held = np.ones(len(self), np.bool_)
+        ids = np.fromiter(channels, np.uint16, len(channels))
+        for one in self._alike:
+            if one.ids.shape[1]:
+                held[one.rows] = np.isin(one.ids, ids).any(axis=1)
+        for at in self._others:
+            held[at] = may_hold(self[at], channels)
+        return held
+
+    def _made(self, place: int) -> Chunk:
+        start_ns, end_ns, offset, length, index_bytes, packed, unpacked = self.numbers[place].item()
+        one, row = self._alike[self._group[place]], self._row[place]
+        return Chunk(
+            offset=offset,
+            length=length,
+            start_ns=start_ns,
+            end_ns=end_ns,
+            compression=one.compression,
+            compressed_size=packed,
+            uncompressed_size=unpacked,
+            message_index_offsets=dict(zip(one.ids[row].tolist(), one.offsets[row].tolist(), strict=True)),
+            message_index_length=index_bytes,
+            indexed=one.ids.shape[1] > 0,
+        )
+
+
+def holding(
+    chunks: Sequence[Chunk], channels: Collection[int] | None, start_ns: int, end_ns: int
+) -> Iterator[tuple[int, Chunk]]:
+    """Do what `ChunkTable.holding` does, for any chunks."""
+    if isinstance(chunks, ChunkTable):
+        yield from chunks.holding(channels, start_ns, end_ns)
+        return
+    for at, chunk in enumerate(chunks):
+        if chunk.end_ns >= start_ns and chunk.start_ns <= end_ns and may_hold(chunk, channels):
+            yield at, chunk
+
+
+def may_hold(chunk: Chunk, channels: Collection[int] | None) -> bool:
+    """Whether a chunk may hold messages of some channels, None for any, by what its index says."""
+    known = chunk.message_index_offsets if chunk.indexed else chunk.counts
+    return channels is None or known is None or any(channel in channels for channel in known)
