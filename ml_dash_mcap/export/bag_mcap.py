@@ -15,7 +15,6 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Header, MetadataIndex, Schema, Statistics, SummaryOffset
 from mcap.records import Metadata as MetadataRecord
 
-from ..errors import OptionError
 from ..options import RecorderOptions
 from ..version import LIBRARY
 from ..write import records
@@ -52,13 +51,7 @@ class Storage:
     """Bytes that each message needs before it."""
 
     def __init__(self, path: Path, outlets: Sequence[Outlet], qos: str, distro: str, compression: str) -> None:
-        """Begin a file.
-
-        Raises:
-            OptionError: There is no such compression.
-        """
-        if compression not in ("zstd", "lz4", "none"):
-            raise OptionError(f"compression={compression!r}: it must be 'zstd', 'lz4' or 'none'")
+        """Begin a file."""
         self._compress: Compressor = _Zstd()
         if compression != "zstd":
             self._compress = compressor(RecorderOptions(compression=compression))  # type: ignore[arg-type]  # checked

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..errors import ConversionError, ConversionWarning, OptionError
-from ..ros import lossless, messages, msg, names, standard, stores
+from ..read import exact
+from ..ros import blocks, checks, lossless, msg, names, standard, stores
 from ..ros.columns import Struct
 from ..ros.forms import Form
 from ..ros.lossless import Field, Message
 from ..ros.standard import Derived
+from ..rows.encode import TIME_KEY
 from .job import Job
+
+_MOST_OFFSET_S = 2**33
+"""Nanoseconds that a signed 64-bit number holds are more."""
 
 PROFILES = ("std+lossless", "std", "lossless", "json")
 
@@ -52,8 +56,13 @@ class Settings:
                 raise OptionError(f"{name}={value!r}: it must be one of {', '.join(map(repr, known))}")
         if self.mapping is not None and not isinstance(self.mapping, Mapping):
             raise OptionError(f"mapping={self.mapping!r}: pass a dict of topics")
-        if not isinstance(self.time_offset, (int, float)) or not np.isfinite(self.time_offset):
-            raise OptionError(f"time_offset={self.time_offset!r}: pass seconds")
+        is_number = isinstance(self.time_offset, (int, float)) and not isinstance(self.time_offset, bool)
+        if not is_number or not abs(self.time_offset) < _MOST_OFFSET_S:
+            raise OptionError(f"time_offset={self.time_offset!r}: pass seconds, less than {_MOST_OFFSET_S}")
+        if not isinstance(self.frame_id, str) or "\0" in self.frame_id:
+            raise OptionError(f"frame_id={self.frame_id!r}: pass a name")
+        if not isinstance(self.tf, bool):
+            raise OptionError(f"tf={self.tf!r}: it must be True or False")
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,24 +181,65 @@ class Planner:
         mapping = (settings.mapping or {}).get(topic, {})
         if mapping is None or mapping is False:
             return []
-        said = {"frame_id": settings.frame_id, **self.metadata[topic]}
+        if not isinstance(mapping, Mapping):
+            raise OptionError(
+                f"mapping of the topic {topic!r} is {mapping!r}: pass a dict of standard messages, or None"
+            )
+        said = self.metadata[topic]
         try:
             wanted = standard.derive(
                 message, called, said, mapping, tf=settings.tf, embeds=settings.embed_images is not False
             )
         except ConversionError as error:
             raise ConversionError(f"topic {topic!r}: {error}") from error
+        self._check_units(topic)
         found = []
         for one in wanted:
-            why = messages.check(one)
+            why = checks.check(one)
+            ragged = checks.ragged_role(one)
+            where = (
+                f"topic {topic!r}" if ragged is None else f"topic {topic!r}{self._uneven(topic, one.fields[ragged])}"
+            )
             if why is not None and settings.on_bad == "raise":
-                raise ConversionError(f"topic {topic!r}: {why}; or pass on_bad='lossless' to leave out {one.topic}")
-            if why is not None or (one.topic in taken and one.type != standard.TF):
-                self.warn(f"topic {topic!r}: {one.topic} is left out: {why or 'another topic has that name'}")
+                suffix = one.topic.removeprefix(f"{called}/")
+                raise ConversionError(
+                    f"{where}: {why}, so {one.topic} cannot be written; pass mapping={{{topic!r}: {{{suffix!r}:"
+                    " None}} to leave it out, or on_bad='lossless' to leave out all such with a warning"
+                )
+            is_taken = one.topic in taken and not (one.type == standard.TF and one.topic == "/tf")
+            if is_taken and one.is_asked and settings.on_bad == "raise":
+                raise ConversionError(f"topic {topic!r}: mapping of {one.topic!r}: another topic has that name")
+            if why is not None or is_taken:
+                self.warn(f"{where}: {one.topic} is left out: {why or 'another topic has that name'}")
                 continue
             taken.add(one.topic)
             found.append(one)
         return found
+
+    def _check_units(self, topic: str) -> None:
+        """Warn of units of fields that a topic does not have, perhaps because they are nested."""
+        said = self.metadata[topic].get("units")
+        there = self._job.topics[topic].fields
+        for key in said if isinstance(said, Mapping) else ():
+            if there and not any(name == key or name.startswith(f"{key}.") for name in there):
+                self.warn(
+                    f"topic {topic!r}: its units have {key!r}, and there is no such field; there are {_list(there)}"
+                )
+
+    def _uneven(self, topic: str, way: tuple[Field, ...]) -> str:
+        """Say which is the first row where a field's length differs from the one before."""
+        number, length = 0, None
+        for part in exact.read(self._job.files, topic, self._job.low, self._job.high):
+            for row in part if isinstance(part, list) else blocks.to_rows(part):
+                value: Any = row
+                for one in way:
+                    value = value.get(one.key) if isinstance(value, dict) else None
+                if isinstance(value, list):
+                    if length is not None and len(value) != length:
+                        return f", row {number} (_ts={row[TIME_KEY]!r})"
+                    length = len(value)
+                number += 1
+        return ""
 
     def _standard(self, one: Derived) -> Outlet:
         """Return the outlet of a standard message; `/tf` is everybody's."""
@@ -204,3 +254,8 @@ class Planner:
         outlet = Outlet(len(self.outlets) + 1, topic, type_, text, digest, struct)
         self.outlets.append(outlet)
         return outlet
+
+
+def _list(names: Iterable[str]) -> str:
+    shown = [*itertools.islice(names, 21)]
+    return ", ".join([*shown[:20], "..."] if len(shown) > 20 else shown)

@@ -174,7 +174,7 @@ class Outgoing:
             column = fill(plan.message, blocks.to_rows(part)) if is_row_text else blocks.fill_block(plan.message, part)
         else:
             column = fill(plan.message, part)
-        frame = str(self._planner.metadata[plan.topic].get("frame_id", settings.frame_id))
+        frame = _frame(self._planner.metadata[plan.topic].get("frame_id"), settings.frame_id)
         header = _header(stamps, frame, before)
         sent = []
         if plan.own is not None:
@@ -193,7 +193,7 @@ class Outgoing:
         self, plan: Plan, derived: Derived, column: Any, rows: Indices, times: Any, header: Any, before: int
     ) -> tuple[Indices, dict[str, Any]]:
         """Return the columns of a standard message and the rows that they are of."""
-        header = {**header, "frame_id": Constant(str(derived.metadata.get("frame_id", "")))}
+        header = {**header, "frame_id": Constant(_frame(derived.metadata.get("frame_id"), self._settings.frame_id))}
         while len(rows):
             load = self._images.load if self._images is not None else None
             found = messages.build(derived, column, rows, times, pick(header, rows), load)
@@ -224,6 +224,10 @@ class Outgoing:
                 " pass another"
             )
         return stamps.astype(np.uint64)
+
+
+def _frame(said: object, otherwise: str) -> str:
+    return said if isinstance(said, str) and "\0" not in said else otherwise
 
 
 def _suffix(plan: Plan, derived: Derived) -> str:

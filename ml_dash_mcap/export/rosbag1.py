@@ -15,7 +15,7 @@ from rosbags.rosbag1 import Writer
 from ..errors import ConversionWarning, OptionError
 from .bag_plan import Settings
 from .bag_topics import MisfitError, Outgoing, Sent, write_package
-from .destination import fresh_file, fresh_folder
+from .destination import fresh_file, fresh_folder, refuse_existing
 from .job import Job, Steps
 
 COMPRESSIONS = ("none", "bz2", "lz4")
@@ -61,6 +61,8 @@ def export(
         profile, mapping, time_offset, package, frame_id, tf, on_bad, is_ros1=True, embed_images=embed_images
     )
     beside = job.dest.with_name(f"{job.dest.stem}_interfaces")
+    if settings.profile != "std":
+        refuse_existing(beside)
     with ExitStack() as stack:
         path = stack.enter_context(fresh_file(job.dest))
         outgoing = Outgoing(job, settings)

@@ -45,7 +45,7 @@ def export(
     mapping: Mapping[str, Any] | None = None,
     split_bytes: int | None = None,
     time_offset: float = 0.0,
-    compression: str = "zstd",
+    compression: str | None = None,
     package: str = "ml_dash_msgs",
     frame_id: str = "",
     tf: bool = False,
@@ -63,7 +63,7 @@ def export(
         mapping: Topic to what its standard messages are, see docs/guides/ros.md; None for the conventions.
         split_bytes: A new file starts when one has grown to this size; None for one file.
         time_offset: Added to all times, in s; rows come back with their own.
-        compression: Of MCAP chunks: "zstd", "lz4" or "none".
+        compression: Of MCAP chunks: "zstd", "lz4" or "none"; None for "zstd". SQLite knows only "none".
         package: What the package of our messages is called.
         frame_id: Of topics whose metadata has none.
         tf: Whether to send the first pose of each topic on `/tf` too.
@@ -83,6 +83,10 @@ def export(
         isinstance(split_bytes, bool) or not isinstance(split_bytes, int) or split_bytes < 1
     ):
         raise OptionError(f"split_bytes={split_bytes!r}: it must be None or more than 0 bytes")
+    compressions = ("zstd", "lz4", "none") if storage == "mcap" else ("none",)
+    if compression is not None and compression not in compressions:
+        known = ", ".join(map(repr, compressions))
+        raise OptionError(f"compression={compression!r}: it must be None or {known} with storage={storage!r}")
     room = bag_mcap.Storage.room if storage == "mcap" else bag_sqlite.Storage.room
     is_split = split_bytes is not None
     settings = Settings(
@@ -91,7 +95,7 @@ def export(
     qos = bag_metadata.qos_text(version)
     begin: Callable[[Path, Sequence[Outlet]], _Storage]
     if storage == "mcap":
-        begin = functools.partial(bag_mcap.Storage, qos=qos, distro=distro, compression=compression)
+        begin = functools.partial(bag_mcap.Storage, qos=qos, distro=distro, compression=compression or "zstd")
     else:
         begin = functools.partial(bag_sqlite.Storage, qos=qos, distro=distro, version=version)
     with fresh_folder(job.dest) as folder:

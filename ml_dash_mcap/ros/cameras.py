@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from . import units
 from .columns import Column, Constant, Ragged, texts
 from .context import BadRows, Context
 from .lossless import names_image
@@ -19,12 +20,20 @@ _DEPTHS: Mapping[str, tuple[str, np.dtype[Any]]] = {
     "int64": ("16UC1", np.dtype("<u2")),
     "uint64": ("16UC1", np.dtype("<u2")),
 }
+_UINT32 = 2**32 - 1
 _COLORS = {1: "mono8", 3: "rgb8", 4: "rgba8"}
 
 
-def camera_info(context: Context, values: dict[str, Array]) -> dict[str, Column]:
+def camera_info(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
     """Return the columns of sensor_msgs/CameraInfo."""
     count = len(context.rows)
+    for role in ("width", "height"):
+        if role not in values:
+            continue
+        odd = _outside(values[role], _UINT32)
+        if odd.any():
+            size = values[role][int(np.argmax(odd))].item()
+            return BadRows(odd, f"field {context.derived.key(role)!r} is {size!r}, which is no number of pixels")
     k = values["k"].reshape(count, 9).astype(np.float64)
     p = np.zeros((count, 3, 4))
     p[:, :, :3] = k.reshape(count, 3, 3)
@@ -56,10 +65,12 @@ def image(context: Context, values: dict[str, Array]) -> dict[str, Column] | Bad
         dtype: np.dtype[Any] = np.dtype("u1")
     else:
         (encoding, dtype), high = _DEPTHS[one.kind], 65535
+        data = _depths(context, data, 1e-3 if dtype.kind == "u" else 1.0)
     if dtype.kind == "u":
-        bad = ((data < 0) | (data > high) | (data != np.floor(data))).reshape(count, -1).any(axis=1)
+        bad = np.asarray(_outside(data, high).reshape(count, -1).any(axis=1))
         if bad.any():
-            return BadRows(bad, f"field {one.key!r} has pixels outside 0 to {high}, which {encoding} cannot say")
+            what = f"field {context.derived.key('data')!r} has pixels that are no integers"
+            return BadRows(bad, f"{what} or outside 0 to {high}, which {encoding} cannot say")
     pixels = np.ascontiguousarray(data, dtype).reshape(count, -1).view(np.uint8)
     return {
         "header": context.header,
@@ -70,6 +81,22 @@ def image(context: Context, values: dict[str, Array]) -> dict[str, Column] | Bad
         "step": Constant(pixels.shape[1] // max(height, 1)),
         "data": pixels,
     }
+
+
+def _depths(context: Context, data: Array, metres: float) -> Array:
+    """Return depths in ROS's unit, which is so many metres (https://www.ros.org/reps/rep-0118.html)."""
+    unit = units.said(context.derived.metadata.get("units"), [one.key for one in context.derived.fields["data"]])
+    found = units.scale("length", unit) if unit is not None else None
+    if found is None or found.factor == metres:
+        return data
+    scaled = data * (found.factor / metres)
+    return np.round(scaled) if metres < 1 else scaled
+
+
+def _outside(values: Array, high: int) -> npt.NDArray[np.bool_]:
+    """Tell which values are no integers from 0 to a bound."""
+    bad: npt.NDArray[np.bool_] = ~((values >= 0) & (values <= high) & (values == np.floor(values)))
+    return bad
 
 
 def compressed(context: Context, values: dict[str, Any]) -> dict[str, Column] | BadRows:

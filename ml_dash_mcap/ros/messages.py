@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConversionWarning
-from . import cameras, rotation, standard, units
+from . import cameras, checks, rotation, standard, units
 from .columns import Column, Constant, Indices, Ragged, pick
 from .context import BadRows, Context, Load
 from .lossless import INTEGER, PRESENT, STATE, Message
@@ -73,9 +73,13 @@ def _values(column: Mapping[str, Column], derived: Derived, role: str, rows: Ind
         return at
     at = at.reshape(len(rows), *(way[-1].shape or ()))
     quantity = standard.ROLES[derived.type][role].quantity
-    said = derived.metadata.get("units")
-    found = units.scale(quantity, said.get(derived.key(role)) if isinstance(said, Mapping) else None)
-    assert found is not None  # `check` saw to it
+    unit = units.said(derived.metadata.get("units"), [one.key for one in way])
+    if isinstance(quantity, tuple):
+        both = units.halves(*quantity, unit)
+        assert both is not None  # `checks` saw to it
+        return at if both[0].factor == both[1].factor == 1 else at * np.repeat([one.factor for one in both], 3)
+    found = units.scale(quantity, unit)
+    assert found is not None
     if quantity is None or (found.factor == 1 and not found.offset):
         return at
     scaled = at * found.factor + found.offset
@@ -86,52 +90,21 @@ def _values(column: Mapping[str, Column], derived: Derived, role: str, rows: Ind
     return scaled
 
 
-def check(derived: Derived) -> str | None:
-    """Return why a message cannot be derived, whatever the rows say; None if it can."""
-    said = derived.metadata.get("units")
-    for role, one in standard.ROLES[derived.type].items():
-        if role not in derived.fields or not isinstance(said, Mapping):
-            continue
-        unit = said.get(derived.key(role))
-        if units.scale(one.quantity, unit) is None:
-            known = ", ".join(units.UNITS[str(one.quantity)])
-            return f"field {derived.key(role)!r} is in {unit!r}; as {one.quantity} these are known: {known}"
-    order = derived.metadata.get("quat_order", "xyzw")
-    if order not in ("xyzw", "wxyz"):
-        return f"its quat_order is {order!r}; it must be 'xyzw' or 'wxyz'"
-    if derived.type == standard.JOINT_STATE:
-        return _check_joints(derived)
-    return None
-
-
-def _check_joints(derived: Derived) -> str | None:
-    listed = derived.metadata.get("joint_names")
-    size = _joints(derived)
-    if listed is None or derived.topic.endswith("/gripper"):
-        return None
-    if not isinstance(listed, (list, tuple)) or not all(isinstance(name, str) for name in listed):
-        return f"its joint_names are {listed!r}; they must be a list of names"
-    if len(listed) != size:
-        return f"its joint_names are {len(listed)}, and {derived.key(next(iter(derived.fields)))!r} has {size} values"
-    return None
-
-
-def _joints(derived: Derived) -> int:
-    shape = next(iter(derived.fields.values()))[-1].shape
-    return shape[0] if shape else 1
-
-
 def _joint_state(context: Context, values: dict[str, Array]) -> dict[str, Column]:
     count = len(context.rows)
-    joints = _joints(context.derived)
+    joints = checks.joints(context.derived)
     listed = context.derived.metadata.get("joint_names")
-    if context.derived.topic.endswith("/gripper") and joints == 1:
-        listed = ["gripper"]
     found = {
         role: values[role].reshape(count, joints).astype(np.float64, copy=False) if role in values else Constant([])
         for role in ("position", "velocity", "effort")
     }
-    called = list(listed) if listed is not None else [f"joint{number}" for number in range(1, joints + 1)]
+    is_gripper = context.derived.topic.rpartition("/")[2] == standard.GRIPPER
+    name = standard.GRIPPER if is_gripper else "joint"
+    called = [f"{name}{number}" for number in range(1, joints + 1)]
+    if listed is not None:
+        called = list(listed)
+    elif is_gripper and joints == 1:
+        called = [name]
     return {"header": context.header, "name": Constant(called), **found}
 
 

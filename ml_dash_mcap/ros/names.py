@@ -17,6 +17,14 @@ _MESSAGE = re.compile(r"^[A-Z][A-Za-z0-9]*$")
 _PACKAGE = re.compile(r"^(?!.*__)(?!.*_$)[a-z][a-z0-9_]*$")
 _TOPIC = re.compile(r"^/[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")
 
+_ROS_PACKAGES = frozenset(
+    re.findall(
+        r"\w+",
+        "actionlib_msgs builtin_interfaces diagnostic_msgs geometry_msgs nav_msgs rcl_interfaces rosgraph_msgs"
+        " sensor_msgs shape_msgs std_msgs std_srvs stereo_msgs tf2_msgs trajectory_msgs visualization_msgs",
+    )
+)
+
 TAKEN_FIELDS = frozenset({"header", "ts", "field_state"})
 """What each message of ours has beside its row's fields."""
 
@@ -91,6 +99,8 @@ def check_package(name: str) -> str:
     """
     if not isinstance(name, str) or not _PACKAGE.match(name):
         raise ConversionError(f"package={name!r}: a ROS package is lower-case letters, digits and single underscores")
+    if name in _ROS_PACKAGES:
+        raise ConversionError(f"package={name!r}: ROS has one of that name, whose messages ours would be mistaken for")
     return name
 
 

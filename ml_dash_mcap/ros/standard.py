@@ -28,7 +28,8 @@ TF = "tf2_msgs/msg/TFMessage"
 
 _V3, _V4, _V6, _V7, _V16, _M33, _M44 = (3,), (4,), (6,), (7,), (16,), (3, 3), (4, 4)
 _ANY_VECTOR = "vector"
-_IMAGE = "image"
+_COLORS = "colors"
+_DEPTH = "depth"
 _BYTES = "bytes"
 _PATH = "path"
 """A text that is the path of an image, where images are embedded."""
@@ -42,8 +43,8 @@ class Role:
 
     shapes: tuple[Shape, ...]
     """Those that the field may have."""
-    quantity: str | None = None
-    """What it measures, for the units: see `units`."""
+    quantity: str | tuple[str, str] | None = None
+    """What it measures, for the units, or what each half does: see `units`."""
 
 
 ROLES: Mapping[str, Mapping[str, Role]] = {
@@ -60,9 +61,13 @@ ROLES: Mapping[str, Mapping[str, Role]] = {
     TWIST: {
         "linear": Role((_V3,), "velocity"),
         "angular": Role((_V3,), "angular velocity"),
-        "twist": Role((_V6,)),
+        "twist": Role((_V6,), ("velocity", "angular velocity")),
     },
-    WRENCH: {"force": Role((_V3,), "force"), "torque": Role((_V3,), "torque"), "wrench": Role((_V6,))},
+    WRENCH: {
+        "force": Role((_V3,), "force"),
+        "torque": Role((_V3,), "torque"),
+        "wrench": Role((_V6,), ("force", "torque")),
+    },
     IMU: {
         "linear_acceleration": Role((_V3,), "acceleration"),
         "angular_velocity": Role((_V3,), "angular velocity"),
@@ -76,7 +81,7 @@ ROLES: Mapping[str, Mapping[str, Role]] = {
         "width": Role(((),)),
         "height": Role(((),)),
     },
-    IMAGE: {"data": Role((_IMAGE,))},
+    IMAGE: {"data": Role((_COLORS, _DEPTH))},
     COMPRESSED: {"data": Role((_BYTES, _PATH))},
 }
 ROLES = {**ROLES, TF: ROLES[POSE]}
@@ -98,6 +103,10 @@ _ENOUGH: Mapping[str, Sequence[Sequence[str]]] = {
 """Standard messages, to the roles of which one group must be filled."""
 
 
+SAID = ("frame_id", "child_frame_id", "quat_order", "joint_names", "units")
+"""What a mapping can say besides the roles, in place of the topic's metadata."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Convention:
     """Field names that mean a standard message."""
@@ -106,7 +115,12 @@ class _Convention:
     type: str
     names: Mapping[str, tuple[str, ...]]
     """Role, to the names that a field for it has, the likeliest first."""
+    shape: Shape | None = None
+    """Which of the shapes of its roles it takes, if not all."""
 
+
+GRIPPER = "gripper"
+"""The topic, and the name, of a joint that is none of the arm's."""
 
 _POSITIONS = ("q", "qpos", "joint_pos", "joint_position", "joint_positions")
 _VELOCITIES = ("qd", "dq", "qvel", "joint_vel", "joint_velocity", "joint_velocities")
@@ -114,7 +128,7 @@ _EFFORTS = ("tau", "effort", "joint_torque", "joint_torques")
 CONVENTIONS = (
     _Convention("joint_states", JOINT_STATE, {"position": _POSITIONS, "velocity": _VELOCITIES, "effort": _EFFORTS}),
     _Convention("joint_command", JOINT_STATE, {"position": ("target_q", "q_des", "q_cmd")}),
-    _Convention("gripper", JOINT_STATE, {"position": ("gripper", "gripper_pos", "gripper_width")}),
+    _Convention(GRIPPER, JOINT_STATE, {"position": ("gripper", "gripper_pos", "gripper_width")}),
     _Convention("ee_pose", POSE, {"position": ("ee_pos", "ee_position"), "orientation": ("ee_quat", "ee_orientation")}),
     _Convention("ee_pose", POSE, {"pose": ("ee_pose", "T_ee", "ee_T")}),
     _Convention("pose", POSE, {"position": ("pos", "position"), "orientation": ("quat", "orientation")}),
@@ -139,8 +153,8 @@ CONVENTIONS = (
         CAMERA_INFO,
         {"k": ("intrinsics", "K"), "d": ("dist",), "width": ("width",), "height": ("height",)},
     ),
-    _Convention("image", IMAGE, {"data": ("rgb", "image")}),
-    _Convention("depth", IMAGE, {"data": ("depth",)}),
+    _Convention("image", IMAGE, {"data": ("rgb", "image")}, _COLORS),
+    _Convention("depth", IMAGE, {"data": ("depth",)}, _DEPTH),
     _Convention("image/compressed", COMPRESSED, {"data": ("rgb", "image", "img", "jpeg", "jpg", "png")}),
 )
 
@@ -200,7 +214,8 @@ def derive(
             roles = _matching(convention, fields, path)
             if roles is not None and name not in taken:
                 taken.add(name)
-                found.append(Derived(name, convention.type, roles, metadata))
+                said = metadata if convention.suffix != GRIPPER else _without_names(metadata)
+                found.append(Derived(name, convention.type, roles, said))
         for one in fields.values() if embeds else ():
             name = f"{base}/{_picture(one)}/compressed"
             if one.names_images and one.shape == () and name not in taken:
@@ -228,12 +243,17 @@ def _matching(
 ) -> dict[str, tuple[Field, ...]] | None:
     roles: dict[str, tuple[Field, ...]] = {}
     for role, known in convention.names.items():
-        one = _named(known, {key: one for key, one in fields.items() if _fits(one, ROLES[convention.type][role])})
+        wanted = ROLES[convention.type][role]
+        if convention.shape is not None:
+            wanted = Role((convention.shape,), wanted.quantity)
+        fitting = {key: one for key, one in fields.items() if _fits(one, wanted)}
+        one = _named(known, {key: one for key, one in fitting.items() if not is_ragged(one)}) or _named(known, fitting)
         if one is not None:
             roles[role] = (*path, one)
     if not any(set(group) <= set(roles) for group in _ENOUGH[convention.type]):
         return None
-    if convention.type == JOINT_STATE and len({way[-1].shape for way in roles.values()}) > 1:
+    shapes = {way[-1].shape for way in roles.values()}
+    if convention.type == JOINT_STATE and len(shapes) > 1 and None not in shapes:
         return None
     return roles
 
@@ -254,9 +274,13 @@ def _fits(one: Field, role: Role, *, embeds: bool = False) -> bool:
         return False
     if _BYTES in role.shapes:
         return one.shape == () and (one.kind == "bytes" or (embeds and one.kind == "string"))
-    if one.kind not in ("float64", "int64", "uint64") or one.shape is None:
+    if one.kind not in ("float64", "int64", "uint64"):
         return False
-    if _IMAGE in role.shapes and (len(one.shape) == 2 or (len(one.shape) == 3 and one.shape[2] in (1, 3, 4))):
+    if one.shape is None:  # which `checks` has a word for
+        return _COLORS not in role.shapes and _DEPTH not in role.shapes and role.shapes != ((),)
+    if _COLORS in role.shapes and len(one.shape) == 3 and one.shape[2] in (1, 3, 4):
+        return True
+    if _DEPTH in role.shapes and len(one.shape) == 2:
         return True
     return one.shape in role.shapes or (_ANY_VECTOR in role.shapes and len(one.shape) == 1)
 
@@ -270,8 +294,9 @@ def _asked(message: Message, topic: str, metadata: Mapping[str, Any], suffix: st
     if type_ not in ROLES:
         raise ConversionError(f"mapping of {suffix!r}: {said['type']!r} is none of {', '.join(sorted(ROLES))}")
     roles = {}
-    more = {key: value for key, value in said.items() if key in ("frame_id", "child_frame_id", "quat_order")}
-    more.update({"joint_names": said["joint_names"]} if "joint_names" in said else {})
+    more = {key: said[key] for key in SAID if key in said}
+    if isinstance(more.get("units"), Mapping) and isinstance(metadata.get("units"), Mapping):
+        more["units"] = {**metadata["units"], **more["units"]}
     for role, key in said.items():
         if role == "type" or role in more:
             continue
@@ -287,7 +312,13 @@ def _asked(message: Message, topic: str, metadata: Mapping[str, Any], suffix: st
     if not any(set(group) <= set(roles) for group in _ENOUGH[type_]):
         groups = " or ".join("+".join(group) for group in _ENOUGH[type_])
         raise ConversionError(f"mapping of {suffix!r}: {type_} needs {groups}")
+    metadata = _without_names(metadata) if name.rpartition("/")[2] == GRIPPER else metadata
     return Derived(name, type_, roles, {**metadata, **more}, is_asked=True)
+
+
+def _without_names(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Leave out the names of the arm's joints, for the gripper."""
+    return {key: value for key, value in metadata.items() if key != "joint_names"}
 
 
 def _way(message: Message, key: str, suffix: str) -> tuple[Field, ...]:
@@ -308,6 +339,11 @@ def _way(message: Message, key: str, suffix: str) -> tuple[Field, ...]:
 
 def _topic(topic: str, suffix: str) -> str:
     return suffix if suffix.startswith("/") else f"{topic}/{suffix}"
+
+
+def is_ragged(one: Field) -> bool:
+    """Whether a field's values are lists of numbers of various lengths."""
+    return one.shape is None and one.kind in ("float64", "int64", "uint64")
 
 
 def describe(one: Field) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 
@@ -38,6 +38,44 @@ UNITS: Mapping[str, Mapping[str, Scale]] = {
 
 USUAL: Mapping[str, str] = {"magnetic field": "uT"}
 """What a field is in that no unit was given for, where that is not ROS's own unit: ml-dash's documentation says so."""
+
+
+def said(units: object, way: Sequence[str]) -> object:
+    """Return what a topic's `units` say of a field; None if nothing.
+
+    Args:
+        units: By dotted name, or dicts like those of the rows.
+        way: The keys from the row to the field.
+    """
+    if isinstance(units, Mapping) and ".".join(way) in units:
+        return units[".".join(way)]
+    at: object = units
+    for key in way:
+        at = at.get(key) if isinstance(at, Mapping) else None
+    return at
+
+
+def halves(first: str, second: str, unit: object) -> tuple[Scale, Scale] | None:
+    """Return how the two halves of a field come to ROS's units; None if the unit is of neither.
+
+    Args:
+        first: The quantity of its first three values.
+        second: That of the others.
+        unit: One of either, such as "mm/s", or both, such as "mm/s, deg/s".
+    """
+    given = [one.strip() for one in unit.split(",")] if isinstance(unit, str) else unit
+    if given is None:
+        return _SAME, _SAME
+    if isinstance(given, (list, tuple)) and len(given) == 2:
+        found = scale(first, given[0]), scale(second, given[1])
+        return found if found[0] is not None and found[1] is not None else None  # type: ignore[return-value]
+    if isinstance(given, (list, tuple)) and len(given) == 1:
+        one = scale(first, given[0])
+        if one is not None:
+            return one, _SAME
+        one = scale(second, given[0])
+        return (_SAME, one) if one is not None else None
+    return None
 
 
 def scale(quantity: str | None, unit: object) -> Scale | None:

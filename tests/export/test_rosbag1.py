@@ -83,3 +83,12 @@ def test_a_bag_that_exists_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(DestinationExistsError):
         export(tmp_path / "run", tmp_path / "out.bag", "rosbag1")
     assert (tmp_path / "out.bag").read_text() == "mine"
+
+
+def test_a_package_that_exists_is_left_alone(tmp_path: Path) -> None:
+    record(tmp_path / "run", {"robot": [{"x": 1.5, "_ts": 1.0}]})
+    (tmp_path / "out_interfaces").mkdir()
+    (tmp_path / "out_interfaces/mine").write_text("mine")
+    with pytest.raises(DestinationExistsError, match="out_interfaces"):
+        export(tmp_path / "run", tmp_path / "out.bag", "rosbag1")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out_interfaces", "run"]

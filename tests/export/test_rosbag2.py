@@ -235,14 +235,21 @@ def test_a_time_after_2038_is_named_with_its_row(tmp_path: Path) -> None:
         ({"split_bytes": 0}, "split_bytes=0"),
         ({"time_offset": float("nan")}, "time_offset=nan"),
         ({"mapping": ["robot"]}, "mapping="),
+        ({"mapping": {"robot": ["q"]}}, r"mapping of the topic 'robot' is \['q'\]"),
+        ({"time_offset": 1e300}, r"time_offset=1e\+300"),
+        ({"time_offset": True}, "time_offset=True"),
+        ({"frame_id": 5}, "frame_id=5"),
+        ({"tf": "yes"}, "tf='yes'"),
+        ({"storage": "sqlite3", "compression": "zstd"}, "compression='zstd'.*sqlite3"),
     ],
 )
 def test_an_option_that_makes_no_sense_is_named(tmp_path: Path, options: dict[str, Any], match: str) -> None:
     refused(tmp_path, OptionError, match, {"robot": robot_rows(1)}, **options)
 
 
-def test_a_package_name_that_ros_refuses_is_named(tmp_path: Path) -> None:
-    refused(tmp_path, ConversionError, "package='My-Msgs'", {"robot": robot_rows(1)}, package="My-Msgs")
+@pytest.mark.parametrize("package", ["My-Msgs", "sensor_msgs"])
+def test_a_package_name_that_ros_refuses_or_has_is_named(tmp_path: Path, package: str) -> None:
+    refused(tmp_path, ConversionError, f"package='{package}'", {"robot": robot_rows(1)}, package=package)
 
 
 def test_an_option_that_there_is_not_is_named(tmp_path: Path) -> None:

@@ -76,6 +76,18 @@ def test_a_command_and_a_gripper_are_joint_states_of_their_own(tmp_path: Path) -
     assert (gripper.name, gripper.position.tolist()) == (["gripper"], [0.04])
 
 
+def test_the_names_of_the_arms_joints_are_not_those_of_the_gripper(tmp_path: Path) -> None:
+    found = messages(tmp_path, [{"q": [0.5] * 2, "gripper": [0.1, 0.2]}], {"joint_names": ["a", "b"]})
+    assert found["/t/joint_states"][0].message.name == ["a", "b"]
+    assert found["/t/gripper"][0].message.name == ["gripper1", "gripper2"]
+
+
+def test_a_mapping_names_the_joints_of_the_gripper(tmp_path: Path) -> None:
+    said = {"gripper": {"type": "sensor_msgs/JointState", "position": "width", "joint_names": ["finger"]}}
+    found = messages(tmp_path, [{"width": 0.04}], {"joint_names": ["a", "b"]}, mapping={"t": said})
+    assert found["/t/gripper"][0].message.name == ["finger"]
+
+
 @pytest.mark.parametrize(
     ("row", "topic"),
     [
@@ -152,6 +164,51 @@ def test_a_magnetic_field_is_in_tesla_and_a_temperature_in_degrees(tmp_path: Pat
     assert found["/t/temp"][0].message.temperature == pytest.approx(26.85)
 
 
+@pytest.mark.parametrize(
+    ("unit", "linear", "angular"),
+    [
+        ("mm/s", 0.001, 1.0),
+        ("deg/s", 1.0, math.pi / 180),
+        ("mm/s, deg/s", 0.001, math.pi / 180),
+        (["m/s", "rpm"], 1.0, math.pi / 30),
+    ],
+)
+def test_the_two_halves_of_a_twist_have_units_of_their_own(
+    tmp_path: Path, unit: Any, linear: float, angular: float
+) -> None:
+    message = only(tmp_path, [{"twist": [1.0] * 6}], {"units": {"twist": unit}})[2]
+    assert numbers(message.twist.linear) == [linear] * 3
+    assert numbers(message.twist.angular) == [angular] * 3
+
+
+@pytest.mark.parametrize(
+    ("row", "said", "match"),
+    [
+        ({"wrench": [1.0] * 6}, {"units": {"wrench": "lb"}}, "'wrench' is in 'lb'; as force .*; as torque these"),
+        ({"twist": [1.0] * 6}, {"units": {"twist": "mm/s, m"}}, "'twist' is in 'mm/s, m'"),
+        ({"q": [0.5]}, {"units": "deg"}, "its units are 'deg'; they must be a dict"),
+        ({"q": [0.5]}, {"joint_names": "a"}, "its joint_names are 'a'; they must be a list"),
+        ({"q": [0.5]}, {"frame_id": 5}, "its frame_id is 5; it must be a name"),
+        ({"depth": [[0.5]]}, {"units": {"depth": "deg"}}, "'depth' is in 'deg'; as length"),
+    ],
+)
+def test_metadata_that_do_not_fit_are_named(tmp_path: Path, row: Row, said: dict[str, Any], match: str) -> None:
+    with pytest.raises(ConversionError, match=rf"topic 't': .*{match}.*mapping=\{{'t': .*on_bad='lossless'"):
+        messages(tmp_path, [row], said)
+
+
+@pytest.mark.parametrize("said", [{"left.q": "deg"}, {"left": {"q": "deg"}}])
+def test_units_of_nested_fields_are_nested_too_or_dotted(tmp_path: Path, said: dict[str, Any]) -> None:
+    assert only(tmp_path, [{"left": {"q": [180.0]}}], {"units": said})[2].position.tolist() == [math.pi]
+
+
+def test_units_of_a_field_that_is_not_there_are_warned_about(tmp_path: Path) -> None:
+    with pytest.warns(
+        ConversionWarning, match=r"'t': its units have 'q', and there is no such field; there are left\.q"
+    ):
+        messages(tmp_path, [{"left": {"q": [180.0]}}], {"units": {"q": "deg"}})
+
+
 def test_a_unit_that_does_not_fit_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConversionError, match="'temp' is in 'rad'; as temperature these are known: degC"):
         messages(tmp_path, [{"temp": 300.0}], {"units": {"temp": "rad"}})
@@ -176,6 +233,36 @@ def test_images(tmp_path: Path) -> None:
     assert (depth.encoding, depth.step, depth.data.view(np.uint16).tolist()) == ("16UC1", 4, [1000, 2000, 3000, 65535])
     compressed = found["/t/image/compressed"][0].message
     assert (compressed.format, bytes(compressed.data)) == ("jpeg", b"\xff\xd8\xff")
+
+
+@pytest.mark.parametrize(
+    ("depth", "unit", "encoding", "found"),
+    [
+        ([[1500.0]], "mm", "32FC1", 1.5),
+        ([[2]], "m", "16UC1", 2000),
+        ([[2]], "cm", "16UC1", 20),
+        ([[2]], "mm", "16UC1", 2),
+        ([[0.5]], "m", "32FC1", 0.5),
+    ],
+)
+def test_depths_are_in_the_unit_that_their_encoding_means(
+    tmp_path: Path, depth: Any, unit: str, encoding: str, found: float
+) -> None:
+    message = only(tmp_path, [{"depth": depth}], {"units": {"depth": unit}})[2]
+    assert message.encoding == encoding
+    assert message.data.view(np.float32 if encoding == "32FC1" else np.uint16).tolist() == [found]
+
+
+@pytest.mark.parametrize("row", [{"image": [[1, 2]]}, {"depth": [[[1, 2, 3]]]}])
+def test_pixels_that_may_be_colours_or_depths_are_left_alone(tmp_path: Path, row: Row) -> None:
+    with pytest.warns(ConversionWarning, match="no standard message"):
+        assert messages(tmp_path, [row]) == {}
+
+
+@pytest.mark.parametrize("size", [-1, 2.5, 2**32])
+def test_a_size_that_is_no_number_of_pixels_is_named_with_its_row(tmp_path: Path, size: float) -> None:
+    with pytest.raises(ConversionError, match=rf"row 0 .*'width' is {size}, which is no number of pixels"):
+        messages(tmp_path, [{"K": [[1.0] * 3] * 3, "width": size}])
 
 
 def test_pixels_that_do_not_fit_are_named_with_their_row(tmp_path: Path) -> None:
@@ -235,10 +322,56 @@ def test_a_mapping_that_does_not_fit_is_named(tmp_path: Path, said: dict[str, An
         messages(tmp_path, [row], mapping={"t": said})
 
 
-def test_an_array_whose_length_changes_is_named_where_it_was_asked_for(tmp_path: Path) -> None:
-    mapping = {"t": {"x": {"type": "sensor_msgs/JointState", "position": "q"}}}
-    with pytest.raises(ConversionError, match=r"topic 't'.*'q' is lists of float64 whose length changes"):
-        messages(tmp_path, [{"q": [0.5, 0.5]}, {"q": [0.5]}], mapping=mapping)
+def test_a_mapping_comes_before_the_units_and_names_of_the_metadata(tmp_path: Path) -> None:
+    said = {"type": "sensor_msgs/JointState", "position": "q", "effort": "f", "units": {"q": "deg"}}
+    metadata = {"units": {"q": "rad", "f": "mNm"}}
+    _, _, message = only(tmp_path, [{"q": [180.0], "f": [1.0]}], metadata, mapping={"t": {"joint_states": said}})
+    assert (message.position.tolist(), message.effort.tolist()) == ([math.pi], [0.001])
+
+
+def test_fields_of_different_lengths_that_were_asked_for_are_named(tmp_path: Path) -> None:
+    said = {"x": {"type": "sensor_msgs/JointState", "position": "q", "velocity": "w"}}
+    with pytest.raises(ConversionError, match="different numbers of joints: 'q' has 2, 'w' has 1"):
+        messages(tmp_path, [{"q": [0.5, 0.5], "w": 1.0}], mapping={"t": said})
+
+
+@pytest.mark.parametrize("topic", ["/t", "/u"])
+def test_a_topic_that_is_taken_cannot_be_asked_for(tmp_path: Path, topic: str) -> None:
+    record(tmp_path / "run", {"t": [{"q": [0.5]}], "u": [{"x": 1}]})
+    mapping = {"t": {topic: {"type": "sensor_msgs/JointState", "position": "q"}}}
+    with pytest.raises(ConversionError, match=f"'t': mapping of '{topic}': another topic has that name"):
+        export(tmp_path / "run", tmp_path / "bag", mapping=mapping)
+
+
+# -- arrays whose length changes --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("field", "mapping"),
+    [("q", None), ("odd", {"t": {"joint_states": {"type": "sensor_msgs/JointState", "position": "odd"}}})],
+)
+def test_an_array_whose_length_changes_is_named_with_its_row(tmp_path: Path, field: str, mapping: Any) -> None:
+    rows = [{field: [0.5, 0.5]}, {"x": 1}, {field: [0.5, 0.5]}, {field: [0.5]}]
+    match = rf"topic 't', row 3 \(_ts=0\.03\): field '{field}' is lists of float64 whose length changes"
+    with pytest.raises(ConversionError, match=match):
+        messages(tmp_path, rows, mapping=mapping)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run"]
+    with pytest.warns(ConversionWarning, match=match.replace("field", "/t/joint_states is left out: field")):
+        bag = export(tmp_path / "run", tmp_path / "bag", mapping=mapping, on_bad="lossless")
+    assert [one.topic for one in with_rosbags(bag)] == ["/t"] * 4
+
+
+def test_such_an_array_is_no_matter_where_no_message_needs_it(tmp_path: Path) -> None:
+    rows = [{"pos": [0.5, 0.5], "q": [1.0]}, {"pos": [0.5], "q": [1.0, 2.0]}]
+    record(tmp_path / "run", {"t": rows})
+    bag = export(tmp_path / "run", tmp_path / "bag", mapping={"t": {"joint_states": None}})
+    assert {one.topic for one in with_rosbags(bag)} == {"/t"}
+
+
+def test_an_array_whose_length_changes_far_on_is_named_with_its_row(tmp_path: Path) -> None:
+    rows: list[Row] = [{"left": {"q": [float(number)] * (2 if number < 9000 else 3)}} for number in range(9001)]
+    with pytest.raises(ConversionError, match=r"topic 't', row 9000 \(_ts=.*\): field 'left\.q' is lists"):
+        messages(tmp_path, rows)
 
 
 # -- the sums ---------------------------------------------------------------------------------------------------------
