@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
 import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -25,6 +26,7 @@ _EXACT_INTEGERS = 2.0**53
 _MOST_BYTES = 2**31 - 2
 
 _SIDE_KEY = pa.field(EXACT_KEY, pa.struct([]))
+_SIDE_NAME = orjson.dumps(EXACT_KEY)
 """Tells the rows that have it from those that do not, without reading what is in it."""
 
 
@@ -36,7 +38,7 @@ def are_shallow(payloads: Sequence[bytes]) -> bool:
     """Whether pyarrow can read some JSON: it looks at no limit, and crashes where the stack ends."""
     if max(map(len, payloads), default=0) < _SURELY_SHALLOW_BYTES:
         return True
-    return all(len(one) < _SURELY_SHALLOW_BYTES or depth.is_within(one, _MOST_DEPTH) for one in payloads)
+    return depth.are_within([one for one in payloads if len(one) >= _SURELY_SHALLOW_BYTES], _MOST_DEPTH)
 
 
 class LineReader:
@@ -68,21 +70,35 @@ class LineReader:
         """
         if not 0 < len(lines) < _MOST_BYTES or not _is_utf8(lines):
             return None
-        table = self._projected(lines, count)
+        table = self._expected(lines) if self._wanted is None else self._projected(self._wanted, lines, count)
         flat = None if table is None else _flatten(table, count)
         if flat is None:
             table = self._inferred(lines)
-            if table is None or (_has_structs(table) and (b"{}" in lines or b"{ }" in lines)):
+            if table is None or (_has_structs(table) and _has_empty_dict(lines)):
                 return None  # an empty dict leaves no trace beside others
             flat = _flatten(table, count)
         return flat
 
-    def _projected(self, lines: bytes, count: int) -> pa.Table | None:
-        """Read the wanted keys only, if their types are known and can be relied upon."""
-        if self._wanted is None:
+    def _expected(self, lines: bytes) -> pa.Table | None:
+        """Read what the lines before had, in the types that it had: faster than to find out again.
+
+        Returns:
+            None if something else is there, or a key stands in the text and never has a value.
+        """
+        if _SIDE_NAME in lines:
             return None
+        fields = [pa.field(name, type_) for name, type_ in self._known.items() if orjson.dumps(name) in lines]
+        if not fields or any(_has(field.type, pa.types.is_null) for field in fields):
+            return None
+        table = _read(lines, pa.schema(fields), "error")
+        if table is None or (_has_structs(table) and _has_empty_dict(lines)):
+            return None
+        return None if any(_says_nothing(chunk) for column in table.columns for chunk in column.chunks) else table
+
+    def _projected(self, wanted: Sequence[str], lines: bytes, count: int) -> pa.Table | None:
+        """Read the wanted keys only, if their types are known and can be relied upon."""
         fields = [_SIDE_KEY]
-        for name in self._wanted:
+        for name in wanted:
             if orjson.dumps(name) in lines:
                 type_ = self._known.get(name)
                 if type_ is None or _has(type_, _is_unsure):
@@ -165,6 +181,23 @@ def _read(lines: bytes, schema: pa.Schema, unexpected: str) -> pa.Table | None:
 def _has(type_: pa.DataType, is_it: Any) -> bool:
     """Whether a type, or one inside it, is such a one."""
     return bool(is_it(type_)) or any(_has(type_.field(at).type, is_it) for at in range(type_.num_fields))
+
+
+def _has_empty_dict(lines: bytes) -> bool:
+    """Whether an empty dict stands somewhere, perhaps in a text; a search for it would keep other threads waiting."""
+    for first in (0, 1):
+        pairs = np.frombuffer(lines, "<u2", (len(lines) - first) // 2, first)
+        if (pairs == int.from_bytes(b"{}", "little")).any():
+            return True
+    return b" " in lines and b"{ }" in lines
+
+
+def _says_nothing(array: pa.Array) -> bool:
+    """Whether an array, or that of a key in its dicts, has no value: the key may not be there at all."""
+    if array.null_count == len(array):
+        return True
+    inner = array.values if pa.types.is_list(array.type) else array
+    return bool(pa.types.is_struct(inner.type)) and any(map(_says_nothing, inner.flatten()))
 
 
 def _has_structs(table: pa.Table) -> bool:
