@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 from typing import Any
 
 from . import ingest
-from .errors import FormatError
+from .errors import FormatError, MissingRecordingError
 from .export import EXPORTERS
 from .export.destination import fresh_folder
 from .ingest import Progress
@@ -60,6 +61,8 @@ def convert(
         return place
     chosen = format if format is not None else _SUFFIXES.get(place.suffix)
     if chosen is None:
+        if not Path(src).exists():
+            raise MissingRecordingError(errno.ENOENT, "there is nothing", str(src))
         raise FormatError(
             f"convert({str(src)!r}, {str(dest)!r}): pass format= to say what to write a recording as;"
             f" the formats are {', '.join(sorted(EXPORTERS))}"

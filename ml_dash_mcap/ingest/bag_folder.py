@@ -69,14 +69,20 @@ class Folder:
 class FolderBag:
     """The files of a folder, opened one after the other."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, salvages: bool = False) -> None:
         """Open the files once, to see what they have.
+
+        Args:
+            path: Of the folder, or of one of its files.
+            salvages: Whether to leave out what is damaged in MCAP files, and note it in `losses`.
 
         Raises:
             MissingRecordingError: A file is not there.
             DamagedFileError: A file is damaged.
         """
         self._folder = Folder(path)
+        self._salvages = salvages
+        self.losses: list[str] = []
         self._unpacked: tempfile.TemporaryDirectory[str] | None = None
         self.custom = self._folder.custom
         self._channels: dict[Channel, None] = {}
@@ -100,6 +106,7 @@ class FolderBag:
         """Yield the messages of some channels, each channel's by time within each file."""
         for bag in self._opened():
             yield from bag.batches(wanted)
+            self.losses += bag.losses
 
     def close(self) -> None:
         """Remove what was unpacked. May be called twice."""
@@ -113,7 +120,7 @@ class FolderBag:
         for file in self._folder.files:
             name = file.name.removesuffix(_ZSTD)
             whole = self._decompressed(file) if file.name.endswith(_ZSTD) else file
-            bag: Bag = McapBag(whole) if name.endswith(".mcap") else SqliteBag(whole, unpack)
+            bag: Bag = McapBag(whole, salvages=self._salvages) if name.endswith(".mcap") else SqliteBag(whole, unpack)
             try:
                 yield bag
             finally:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import DamagedFileError
 from ..read import messages
 from ..read.file import File
 from ..read.records import Channel as McapChannel
@@ -21,13 +22,22 @@ CUSTOM_RECORD = "rosbag2"
 class McapBag:
     """An opened file."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, salvages: bool = False) -> None:
         """Open a file.
 
+        Args:
+            path: Of the file.
+            salvages: Whether to leave out what is damaged, and note it in `losses`.
+
         Raises:
-            DamagedFileError: It is no MCAP file, or broken.
+            DamagedFileError: It is no MCAP file, or cut, or broken.
         """
-        self._file = File(path)
+        self._file = File(path, salvages=salvages)
+        index = self._file.index
+        if not index.finished and not salvages:
+            self._file.close()
+            what = "the file has no end: it was cut, or is still being written; on_damage='skip' takes what it has"
+            raise DamagedFileError(path, index.end, what)
         self.custom: Mapping[str, str] = {}
         self._channels = {number: self._channel(one) for number, one in self._file.index.channels.items()}
 
@@ -40,6 +50,11 @@ class McapBag:
     def count(self) -> int:
         """Messages in all."""
         return sum(self._file.index.message_counts.values())
+
+    @property
+    def losses(self) -> list[str]:
+        """What was left out so far, in words."""
+        return [f"{loss.path}, byte {loss.offset}: {loss.what}" for loss in self._file.losses]
 
     @property
     def serialized_metadata(self) -> str:

@@ -48,6 +48,10 @@ class Bag(Protocol):
     def custom(self) -> Mapping[str, str]:
         """What somebody wrote about the bag, by key."""
 
+    @property
+    def losses(self) -> list[str]:
+        """What was left out because it is damaged, in words."""
+
     def batches(self, wanted: Collection[Channel]) -> Iterator[Batch]:
         """Yield the messages of some channels, each channel's by time."""
 

@@ -27,12 +27,13 @@ class Ros1Bag:
             DamagedFileError: It is no ROS 1 bag, is cut, or has no index.
         """
         self._path = path
+        self.losses: list[str] = []
         try:
             self._reader = Reader(path)
             self._reader.open()
         except Exception as error:  # rosbags lets many kinds of error out of damaged bags
             hint = "; `rosbag reindex` makes an index where that is missing" if isinstance(error, ReaderError) else ""
-            raise DamagedFileError(path, 0, f"this ROS 1 bag cannot be read: {error}{hint}") from error
+            raise DamagedFileError(path, 0, f"this ROS 1 bag cannot be read: {_why(error)}{hint}") from error
         self._channels = {
             connection.id: Channel(
                 connection.topic, connection.msgtype, "ros1msg", connection.msgdef.data, is_ros1=True
@@ -63,10 +64,14 @@ class Ros1Bag:
                 channel = self._channels[connection.id]
                 yield from collector.add(channel.topic, channel, time_ns, bytes(payload))
         except Exception as error:
-            raise DamagedFileError(self._path, 0, f"this ROS 1 bag cannot be read on: {error}") from error
+            raise DamagedFileError(self._path, 0, f"this ROS 1 bag cannot be read on: {_why(error)}") from error
         yield from collector.rest()
 
     def close(self) -> None:
         """Close the file. May be called twice."""
         if self._reader.bio is not None:
             self._reader.close()
+
+
+def _why(error: Exception) -> str:
+    return str(error) or type(error).__name__

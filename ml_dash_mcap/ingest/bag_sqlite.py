@@ -29,6 +29,7 @@ class SqliteBag:
         self._path = path
         self._unpack = unpack
         self.custom: Mapping[str, str] = {}
+        self.losses: list[str] = []
         self._base = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
         try:
             self._channels = self._read_channels()

@@ -22,6 +22,7 @@ from ml_dash_mcap.errors import (
     EncodingError,
     FormatError,
     MissingRecordingError,
+    NotFoundError,
     OptionError,
     UsageError,
 )
@@ -115,6 +116,49 @@ def test_some_topics_can_be_chosen_and_progress_is_told(tmp_path: Path) -> None:
     assert seen[-1] == (6, 6)
 
 
+@pytest.fixture
+def ours(tmp_path: Path) -> Path:
+    """A bag that we exported, with a message of ours and standard ones."""
+    record(tmp_path / "in", {"robot": robot_rows(5)})
+    return export(tmp_path / "in", tmp_path / "ours")
+
+
+@pytest.mark.parametrize("name", ["robot", "/robot"])
+def test_a_topic_of_ours_is_chosen_by_its_name_in_the_recording_or_in_the_bag(
+    ours: Path, tmp_path: Path, name: str
+) -> None:
+    rows = converted(ours, tmp_path / "run", topics=[name])
+    assert [row["step"] for row in rows.pop("robot")] == list(range(5))
+    assert not rows
+
+
+def test_a_standard_message_that_was_derived_comes_where_it_is_named(ours: Path, tmp_path: Path) -> None:
+    rows = converted(ours, tmp_path / "run", topics=["/robot/joint_states"])
+    assert [row["position"] for row in rows.pop("/robot/joint_states")] == [row["q"] for row in robot_rows(5)]
+    assert not rows
+
+
+def test_images_and_point_clouds_are_bytes_with_their_shape(tmp_path: Path) -> None:
+    types = STORE.types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](1, 0), "cam")
+    image = types["sensor_msgs/msg/Image"](header, 2, 3, "rgb8", 0, 9, np.arange(18, dtype=np.uint8))
+    field = types["sensor_msgs/msg/PointField"]("x", 0, 7, 1)
+    points = np.array([0.5, 1.5], np.float32).view(np.uint8)
+    cloud = types["sensor_msgs/msg/PointCloud2"](header, 1, 2, [field], False, 4, 8, points, True)
+    with Ros2Writer(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        for topic, message in (("/image", image), ("/cloud", cloud)):
+            connection = writer.add_connection(topic, message.__msgtype__, typestore=STORE)
+            writer.write(connection, 10**9, STORE.serialize_cdr(message, connection.msgtype))
+    rows = converted(tmp_path / "bag", tmp_path / "run")
+    (found,) = rows["/image"]
+    assert (found["height"], found["width"], found["encoding"], found["step"]) == (2, 3, "rgb8", 9)
+    assert found["data"] == bytes(range(18))
+    (found,) = rows["/cloud"]
+    assert found["fields"] == [{"name": "x", "offset": 0, "datatype": 7, "count": 1}]
+    assert (found["height"], found["width"], found["point_step"], found["row_step"]) == (1, 2, 4, 8)
+    assert np.frombuffer(found["data"], np.float32).tolist() == [0.5, 1.5]
+
+
 def test_a_ros_1_bag_becomes_rows(tmp_path: Path) -> None:
     store = get_typestore(Stores.ROS1_NOETIC)
     types = store.types
@@ -140,10 +184,16 @@ def test_a_file_of_a_bag_can_be_read_alone(tmp_path: Path) -> None:
     assert len(converted(tmp_path / "mc/mc.mcap", tmp_path / "run2")["/odd"]) == 3
 
 
-def test_a_folder_without_its_metadata_is_read_by_its_files(tmp_path: Path) -> None:
-    bag = write_rosbag2(tmp_path / "sq", StoragePlugin.SQLITE3)
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+def test_a_folder_without_its_metadata_is_read_by_its_files(tmp_path: Path, plugin: StoragePlugin) -> None:
+    bag = write_rosbag2(tmp_path / "sq", plugin)
     (bag / "metadata.yaml").unlink()
     assert len(converted(bag, tmp_path / "run")["/odd"]) == 3
+
+
+def test_a_folder_of_ours_without_its_metadata_gives_the_rows_back(ours: Path, tmp_path: Path) -> None:
+    (ours / "metadata.yaml").unlink()
+    assert list(converted(ours, tmp_path / "run")) == ["robot"]
 
 
 # -- what cannot be read ----------------------------------------------------------------------------------------------
@@ -184,6 +234,51 @@ def test_a_truncated_bag_is_an_error_that_names_it(tmp_path: Path, part: float) 
         data = path.read_bytes()
         path.write_bytes(data[: int(len(data) * part)])
         refused(path, tmp_path, DamagedFileError, path.name)
+
+
+@pytest.mark.parametrize(("part", "count"), [(0.1, 0), (0.99, 30)])
+def test_an_mcap_file_that_is_cut_is_an_error_unless_what_it_has_is_wanted(
+    tmp_path: Path, part: float, count: int
+) -> None:
+    record(tmp_path / "in", {"robot": [{"x": number, "_ts": 1.0 + number} for number in range(30)]})
+    bag = export(tmp_path / "in", tmp_path / "mc") / "mc_0.mcap"
+    data = bag.read_bytes()
+    bag.write_bytes(data[: int(len(data) * part)])
+    refused(bag.parent, tmp_path, DamagedFileError, r"mc_0\.mcap, byte \d+: the file has no end.*on_damage='skip'")
+    with pytest.warns(ConversionWarning, match=r"mc_0\.mcap, byte .*left out"):
+        rows = converted(bag.parent, tmp_path / "run", on_damage="skip")
+    assert len(rows.get("robot", ())) == count
+
+
+def test_a_chunk_that_is_damaged_is_an_error_unless_the_rest_is_wanted(tmp_path: Path) -> None:
+    bag = write_rosbag2(tmp_path / "bag")
+    path = bag / "bag.mcap"
+    data = bytearray(path.read_bytes())
+    data[bytes(data).index(b"word")] ^= 1
+    path.write_bytes(data)
+    rows = converted(bag, tmp_path / "as-it-is")  # rosbags writes no checksums
+    assert rows["/odd"][0]["class"] != "word"
+    ours = export(record(tmp_path / "in", {"a": [{"x": 0.5}]}), tmp_path / "ours", compression="none")
+    data = bytearray((ours / "ours_0.mcap").read_bytes())
+    data[bytes(data).index(np.float64(0.5).tobytes())] ^= 1
+    (ours / "ours_0.mcap").write_bytes(data)
+    refused(ours, tmp_path, DamagedFileError, "CRC")
+    with pytest.warns(ConversionWarning, match="CRC"):
+        assert not converted(ours, tmp_path / "run", on_damage="skip").get("a")
+
+
+def test_empty_files_are_no_bags(tmp_path: Path) -> None:
+    for name in ("x.bag", "x.db3"):
+        (tmp_path / name).touch()
+        refused(tmp_path / name, tmp_path, DamagedFileError, name)
+
+
+def test_nothing_at_the_source_is_a_missing_recording(tmp_path: Path) -> None:
+    refused(tmp_path / "nothing", tmp_path, MissingRecordingError, "nothing")
+
+
+def test_topics_that_are_not_there_are_named(ours: Path, tmp_path: Path) -> None:
+    refused(ours, tmp_path, NotFoundError, "no topic 'robt'.*did you mean 'robot'", topics=["robt"])
 
 
 def test_what_is_no_bag_is_told_from_one(tmp_path: Path) -> None:
@@ -229,6 +324,11 @@ def test_messages_that_are_not_of_their_type_are_named(tmp_path: Path) -> None:
         ({"time": "receive"}, OptionError, "time='receive'"),
         ({"on_unknown": "warn"}, OptionError, "on_unknown='warn'"),
         ({"times": "log"}, UsageError, "no option 'times'"),
+        ({"on_damage": "ignore"}, OptionError, "on_damage='ignore'"),
+        ({"topics": "/odd"}, UsageError, r"pass a list of topics, such as topics=\['/odd'\]"),
+        ({"definitions": ["a"]}, OptionError, r"definitions=\['a'\]"),
+        ({"definitions": {"a/B": 5}}, OptionError, "'a/B': pass its text"),
+        ({"definitions": {"a/B": Path("nowhere.msg")}}, OptionError, "'a/B': nowhere.msg cannot be read"),
     ],
 )
 def test_an_option_that_makes_no_sense_is_named(
@@ -283,11 +383,12 @@ def test_a_bag_of_foxy_in_five_files(tmp_path: Path) -> None:
 def test_a_bag_of_services_without_metadata(tmp_path: Path) -> None:
     src = shared.file("rosbag2/a-rolling2023-services-nometa-mcap")
     shutil.copytree(src, tmp_path / "bag")
-    found = counts(tmp_path / "bag/topics_and_services.mcap", tmp_path / "run")
-    assert {topic: count for topic, count in found.items() if count} == {
-        "/parameter_events": 7,
-        "/add_two_ints/_service_event": 6,
-    }
+    for src in (tmp_path / "bag", tmp_path / "bag/topics_and_services.mcap"):
+        found = counts(src, tmp_path / f"from-{src.name}")
+        assert {topic: count for topic, count in found.items() if count} == {
+            "/parameter_events": 7,
+            "/add_two_ints/_service_event": 6,
+        }
 
 
 def test_a_bag_of_humble_in_mcap(tmp_path: Path) -> None:
