@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from ..errors import ConversionError
 from ..mocap.objects import Source
@@ -85,14 +86,13 @@ class Samples:
         for name, shape in self._shapes.items():
             if name in block.columns:
                 at = self._at[name]
-                values[:, at : at + math.prod(shape)] = self._column(block, name, shape, times)
+                part = values[:, at : at + math.prod(shape)]
+                if not _fill(part, block.columns[name].array, shape):
+                    part[:] = self._column(block, name, shape, times)
         values[~np.isfinite(values)] = np.nan
         return times, values
 
     def _column(self, block: Block, name: str, shape: tuple[int, ...], times: Floats) -> Any:
-        fast = _plain(block.columns[name].array, shape)
-        if fast is not None:
-            return fast
         column, size = block.columns[name], math.prod(shape)
         if not column.is_text:
             found = arrays.from_table(to_table([_only(block, name)]))[name]
@@ -123,18 +123,29 @@ def _only(block: Block, name: str) -> Block:
     return type(block)(block.count, {column: block.columns[column] for column in (TIME_KEY, name)})
 
 
-def _plain(array: Any, shape: tuple[int, ...]) -> Any:
-    """Return the numbers of a column of vectors that are all there; None for any other column."""
-    if isinstance(array, pa.ChunkedArray) or len(shape) > 1 or array.null_count:
-        return None
+def _fill(part: Floats, array: Any, shape: tuple[int, ...]) -> bool:
+    """Put the numbers of a column of numbers, or of vectors of one length, where they belong; False for any other.
+
+    Args:
+        part: [N, k], NaN; stays so where one is missing.
+        array: N values of pyarrow.
+        shape: That each of them should have.
+    """
+    if isinstance(array, pa.ChunkedArray) or len(shape) > 1:
+        return False
     leaf = array
     if shape:
-        if not pa.types.is_fixed_size_list(array.type) or array.type.list_size != shape[0]:
-            return None
+        if not (pa.types.is_list(array.type) or pa.types.is_fixed_size_list(array.type)):
+            return False
+        lengths = pc.min_max(pc.list_value_length(array)).as_py()
+        if {*lengths.values()} != {shape[0]}:
+            return False
         leaf = array.flatten()
-    if leaf.null_count or not (pa.types.is_floating(leaf.type) or pa.types.is_integer(leaf.type)):
-        return None
-    return leaf.to_numpy().reshape(len(array), -1)
+    if not (pa.types.is_floating(leaf.type) or (pa.types.is_integer(leaf.type) and not leaf.null_count)):
+        return False
+    numbers = leaf.to_numpy(zero_copy_only=False).reshape(-1, part.shape[1])
+    part[pc.is_valid(array).to_numpy(zero_copy_only=False) if shape and array.null_count else slice(None)] = numbers
+    return True
 
 
 def _short(value: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain, repeat
 
 import numpy as np
 import numpy.typing as npt
@@ -44,27 +45,28 @@ class TableText:
             lines = self._shifted(values, shifts)
         else:
             lines = self._plain(values)
-        separator, end = self._separator, self._end
-        return b"".join(
-            [part for head, line in zip(heads, lines, strict=True) for part in (head, separator, line, end)]
-        )
+        parts = zip(heads, repeat(self._separator, len(heads)), lines, repeat(self._end, len(heads)), strict=True)
+        return b"".join(chain.from_iterable(parts))
 
     def heads(self, frames: npt.NDArray[np.int64], times: Floats, *more: str) -> list[bytes]:
         """Spell the frame and the time of each row, and what all rows have behind them."""
         spelled = (
             [f"{time:.{self._decimals}f}".encode() for time in times.tolist()] if self._decimals else numbers(times)
         )
-        behind = b"".join(self._separator + one.encode() for one in more)
-        return [
-            b"%d%b%b%b" % (frame, self._separator, time, behind)
-            for frame, time in zip(frames.tolist(), spelled, strict=True)
-        ]
+        behind = [repeat(one.encode(), len(frames)) for one in more]
+        return list(map(self._separator.join, zip(numbers(frames), spelled, *behind, strict=True)))
 
     def _plain(self, values: Floats) -> list[bytes]:
-        text = orjson.dumps(np.ascontiguousarray(values), option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
-        text = text.replace(b"null", self._missing)
-        rows = text.split(b"],[")
-        return rows if self._separator == b"," else [row.replace(b",", self._separator) for row in rows]
+        text, border = orjson.dumps(np.ascontiguousarray(values), option=orjson.OPT_SERIALIZE_NUMPY), b"],["
+        if self._separator != b",":
+            table = bytes.maketrans(b",", self._separator)
+            text, border = text.translate(table), border.translate(table)
+        rows = text.split(border)
+        rows[0] = rows[0].removeprefix(b"[[")
+        rows[-1] = rows[-1].removesuffix(b"]]")
+        for at in np.flatnonzero(np.isnan(values).any(axis=1)).tolist():
+            rows[at] = rows[at].replace(b"null", self._missing)
+        return rows
 
     def _fixed(self, values: Floats, shifts: Sequence[int] | None) -> list[bytes]:
         scaled = values if shifts is None else values * 10.0 ** np.asarray(shifts)
@@ -82,7 +84,7 @@ class TableText:
         ]
 
 
-def numbers(values: Floats) -> list[bytes]:
+def numbers(values: Floats | npt.NDArray[np.int64]) -> list[bytes]:
     """Spell numbers one by one, [N]; none may be missing."""
     if not len(values):
         return []

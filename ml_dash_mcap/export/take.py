@@ -22,7 +22,8 @@ from .topic_frames import TopicFrames
 Floats = npt.NDArray[np.float64]
 Thing = Body | Marker | Joint
 
-_WINDOW = 4096
+_WINDOW = 1024
+"""Frames at a time: about as many as one block has, so that those who read ahead need not wait for one of us."""
 
 
 @dataclass(frozen=True, slots=True)

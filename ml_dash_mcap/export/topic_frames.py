@@ -58,18 +58,18 @@ class TopicFrames:
         self._up = space.up_of(metadata)
         self._to = options.up or self._up
         self._samples = Samples(selection, [one for thing, _ in things for one, _, _ in parts_of(thing)], counter)
-        self._copied: tuple[list[int], list[int]] = ([], [])
-        """Columns that only have to be copied: from, to."""
+        copied: list[tuple[int, int]] = []
         self._others: list[tuple[Thing, int, Source, int, str]] = []
         for thing, at in things:
             for source, offset, how in parts_of(thing):
                 places = self._samples.places(source)
                 is_same = how in ("number", "length") or (how == "point" and self._up == self._to)
                 if is_same and not clock.is_resampled:
-                    self._copied[0].extend(places)
-                    self._copied[1].extend(range(at + offset, at + offset + len(places)))
+                    copied += zip(places, range(at + offset, at + offset + len(places)), strict=True)
                 else:
                     self._others.append((thing, at, source, offset, how))
+        self._copied = _runs(copied)
+        """Columns that only have to be copied: from, to."""
         self._last: dict[int, Floats | None] = {}
         self._is_first = True
 
@@ -84,14 +84,14 @@ class TopicFrames:
         clock = self._clock
         gap = longest_gap_s(clock.medians_ns[self._name]) if clock.is_resampled else _NEAR_S
         found_times, found = self._samples.between(float(times[0]) - gap, float(times[-1]) + gap)
-        rows: npt.NDArray[Any] = np.arange(len(times))
+        rows: Any = slice(None)
         if not clock.is_resampled:
             frames = clock.frames_of(found_times, self._name)
             low, high = np.searchsorted(frames, (first, first + len(times)))
-            rows, found_times, found = frames[low:high] - first, found_times[low:high], found[low:high]
+            rows, found_times, found = _as_slice(frames[low:high] - first), found_times[low:high], found[low:high]
             times[rows] = found_times
-        if self._copied[0]:
-            values[rows[:, None], self._copied[1]] = found[:, self._copied[0]]
+        for source_columns, columns in self._copied:
+            values[rows, columns] = found[:, source_columns]
         for thing, at, source, offset, how in self._others:
             numbers = self._prepared(thing, source, how, found[:, self._samples.places(source)], found_times)
             for part, column, kind in _split(numbers, offset, how):
@@ -152,6 +152,24 @@ class TopicFrames:
                 ConversionWarning,
                 stacklevel=2,
             )
+
+
+def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[slice, slice]]:
+    """Join pairs of columns that lie side by side on both sides."""
+    runs: list[tuple[slice, slice]] = []
+    for one, other in pairs:
+        if runs and (runs[-1][0].stop, runs[-1][1].stop) == (one, other):
+            runs[-1] = slice(runs[-1][0].start, one + 1), slice(runs[-1][1].start, other + 1)
+        else:
+            runs.append((slice(one, one + 1), slice(other, other + 1)))
+    return runs
+
+
+def _as_slice(numbers: npt.NDArray[np.int64]) -> Any:
+    """Return ascending, distinct numbers as a slice if none is left out between them, which numpy copies faster."""
+    if len(numbers) and numbers[-1] - numbers[0] == len(numbers) - 1:
+        return slice(int(numbers[0]), int(numbers[-1]) + 1)
+    return numbers
 
 
 def _split(numbers: Floats, offset: int, how: str) -> list[tuple[Floats, int, resample.How]]:
