@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,22 +16,33 @@ import pyarrow.compute as pc
 import pyarrow.csv as pv
 
 from ..errors import ForeignFileError
+from ..read import ahead
 
 Floats = npt.NDArray[np.float64]
 
 MISSING = ("", "nan", "NaN", "NAN", "-nan")
 """How files spell that there is no number."""
 
-_CHUNK_BYTES = 1 << 22
+_CHUNK_BYTES = 1 << 21
 _LONGEST_LINE_BYTES = 1 << 24
 _SHOWN = 40
 _BLANKS = re.compile(rb"[ \t]+")
 _EDGES = re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 
 
+class _Chunk(NamedTuple):
+    """Some lines of a file."""
+
+    data: bytes
+    line: int
+    """The number of the first of them."""
+    at: int
+    """How many bytes of the file were read so far."""
+
+
 @dataclass
 class Cells:
-    """The numbers of a table.
+    """The numbers of a table, parsed on all cores a little ahead of who asks for them.
 
     What is wrong in it is an error with its line and column, or a missing number that is counted.
     """
@@ -66,6 +77,12 @@ class Cells:
         Raises:
             ForeignFileError: A cell is no number, or a line has too many or too few of them.
         """
+        for values, at, bad in ahead.in_order(self._parse, self._chunks(file, line)):
+            self.bad += bad
+            yield values, at
+
+    def _chunks(self, file: BinaryIO, line: int) -> Iterator[_Chunk]:
+        """Yield the table's lines, without those that are blank if there are no others."""
         rest, done = b"", file.tell()
         while True:
             chunk = file.read(_CHUNK_BYTES)
@@ -76,9 +93,9 @@ class Cells:
                 if len(rest) > _LONGEST_LINE_BYTES:
                     raise ForeignFileError(self.path, f"the line has more than {_LONGEST_LINE_BYTES} bytes", line)
             data, is_over = self._up_to_blank(data)
-            if data.strip():
-                yield self._parse(data, line), file.tell()
-            ended = data.count(b"\n")
+            if data and not data.isspace():
+                yield _Chunk(data, line, file.tell())
+            ended = int(np.count_nonzero(np.frombuffer(data, np.uint8) == ord("\n")))
             line, self.lines = line + ended, self.lines + ended
             done += len(data)
             if is_over or not chunk:
@@ -96,11 +113,16 @@ class Cells:
             at = end
         return data, False
 
-    def _parse(self, data: bytes, line: int) -> Floats:
+    def _parse(self, chunk: _Chunk) -> tuple[Floats, int, int]:
+        """Return a chunk's rows, how many bytes were read so far, and how many cells are no numbers."""
+        data = chunk.data
         if self.separator == " ":
             data = _EDGES.sub(b"", _BLANKS.sub(b" ", data))
         values = self._fast(data)
-        return self._slow(data, line) if values is None else values
+        if values is not None:
+            return values, chunk.at, 0
+        values, bad = self._slow(data, chunk.line)
+        return values, chunk.at, bad
 
     def _fast(self, data: bytes) -> Floats | None:
         """Return the numbers of lines that are as they should be; None if any is not."""
@@ -110,13 +132,13 @@ class Cells:
         try:
             table = pv.read_csv(
                 pa.py_buffer(data),
-                pv.ReadOptions(column_names=names, block_size=1 << 20),
+                pv.ReadOptions(column_names=names, block_size=1 << 20, use_threads=False),
                 pv.ParseOptions(delimiter=self.separator, quote_char=False),
                 pv.ConvertOptions(
                     column_types=types, null_values=list(MISSING), strings_can_be_null=True, check_utf8=False
                 ),
             )
-            values = np.empty((table.num_rows, self.columns))
+            values = np.empty((table.num_rows, self.columns), order="F")
             for number, by in enumerate(shifts):
                 column = table.column(number)
                 if by:
@@ -127,15 +149,20 @@ class Cells:
             return None
         return None if np.isinf(values).any() else values
 
-    def _slow(self, data: bytes, line: int) -> Floats:
+    def _slow(self, data: bytes, line: int) -> tuple[Floats, int]:
         rows: list[list[float]] = []
+        bad = 0
         for number, raw in enumerate(data.split(b"\n"), line):
             text = raw.decode("utf-8", "replace").rstrip("\r")
             if text.strip():
-                rows.append(self._line(text, number))
-        return np.array(rows, np.float64).reshape(-1, self.columns)
+                row, wrong = self._line(text, number)
+                rows.append(row)
+                bad += wrong
+        return np.array(rows, np.float64).reshape(-1, self.columns), bad
 
-    def _line(self, text: str, line: int) -> list[float]:
+    def _line(self, text: str, line: int) -> tuple[list[float], int]:
+        """Return a line's numbers, and how many of its cells are none."""
+        bad = 0
         cells = text.split(self.separator)
         while len(cells) > self.columns and not cells[-1].strip():
             cells.pop()
@@ -144,12 +171,14 @@ class Cells:
             what = f"the line has {len(cells)} cells, but the header has {self.columns}{self._hint(text)}"
             if self.on_bad == "raise":
                 raise ForeignFileError(self.path, what, line)
-            self.bad += abs(len(cells) - self.columns)
+            bad = abs(len(cells) - self.columns)
         cells = [*cells[: self.columns], *[""] * (self.columns - len(cells))]
         shifts = self.shifts or [0] * self.columns
-        return [self._number(cell, by, line, at) for at, (cell, by) in enumerate(zip(cells, shifts, strict=True), 1)]
+        numbers = [self._number(cell, by, line, at) for at, (cell, by) in enumerate(zip(cells, shifts, strict=True), 1)]
+        return [math.nan if one is None else one for one in numbers], bad + numbers.count(None)
 
-    def _number(self, cell: str, shift: int, line: int, column: int) -> float:
+    def _number(self, cell: str, shift: int, line: int, column: int) -> float | None:
+        """Return the number that a cell spells, NaN if it is empty; None if it is no number and may be left out."""
         text = cell.strip()
         if text in MISSING:
             return math.nan
@@ -169,8 +198,7 @@ class Cells:
                     line,
                     column,
                 ) from None
-            self.bad += 1
-            return math.nan
+            return None
         return value
 
     def _hint(self, text: str) -> str:
