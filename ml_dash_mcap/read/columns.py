@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from .. import clock
 from ..layout import KIND_KEY, TRACK
+from ..rows import same_bytes
 from ..rows.columns import FIELD_PREFIX, flatten, project
 from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..rows.lines import LineReader, are_shallow
@@ -169,7 +170,7 @@ class _Reading:
                 named[FIELD_PREFIX + name if taken else name] = Column(array)
         if len(named) < len(flat) and self._columns is None:
             return None
-        return _Parsed(pieces, times, Block(len(times), {self._time_name: Column(pa.array(times)), **named}))
+        return _Parsed(pieces, times, Block(len(times), {self._time_name: Column(same_bytes.to_arrow(times)), **named}))
 
     def _is_wanted(self, name: str) -> bool:
         columns = self._columns
@@ -282,7 +283,7 @@ def _times(column: Any, times_ns: npt.NDArray[np.uint64]) -> npt.NDArray[np.floa
         return np.array(clock.to_seconds_each(times_ns.tolist()))
     if column.null_count:
         column = column.fill_null(-1)
-    said: npt.NDArray[np.float64] = column.to_numpy(zero_copy_only=False).astype(np.float64)
+    said: npt.NDArray[np.float64] = same_bytes.to_numpy(column).astype(np.float64)
     others = np.flatnonzero(~ordering.is_close(said, times_ns))
     if len(others):
         said = said.copy()

@@ -18,6 +18,7 @@ import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from ..rows import same_bytes
 from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..rows.lines import LineReader, are_shallow
 from ..rows.table import Block, Column
@@ -103,7 +104,7 @@ class _Reading:
         times = flat.get(TIME_KEY)
         if times is None or not pa.types.is_float64(times.type):
             return None
-        if not bool(ordering.is_close(times.to_numpy(zero_copy_only=False), cut.times_ns).all()):
+        if not bool(ordering.is_close(same_bytes.to_numpy(times), cut.times_ns).all()):
             return None
         return Block(len(payloads), {name: Column(array) for name, array in flat.items()})
 
@@ -115,7 +116,7 @@ class _Reading:
         whole = blocks[0] if len(blocks) == 1 else _joined(blocks)
         if whole is None:
             return None
-        times = whole.columns[TIME_KEY].array.to_numpy(zero_copy_only=False)
+        times = same_bytes.to_numpy(whole.columns[TIME_KEY].array)
         if not bool((times[:-1] < times[1:]).all()):
             order = np.argsort(times, kind="stable")
             whole, times = whole.take(order), times[order]

@@ -32,6 +32,8 @@ def are_within(payloads: Sequence[bytes], most: int) -> bool:
         rest = [one for one in payloads if len(one) <= _LARGE_BYTES]
         return all(is_within(one, most) for one in large) and are_within(rest, most)
     text = np.frombuffer(b"".join(payloads), np.uint8)
-    opening = np.flatnonzero((text | 0x20) == ord("{"))  # the bit in which "[" differs from "{"
-    counts = np.diff(np.searchsorted(opening, np.cumsum([len(one) for one in payloads])), prepend=0)
+    is_opening = (text | 0x20) == ord("{")  # the bit in which "[" differs from "{"
+    if np.count_nonzero(is_opening) <= most:
+        return True
+    counts = np.diff(np.searchsorted(np.flatnonzero(is_opening), np.cumsum([len(one) for one in payloads])), prepend=0)
     return all(is_within(payloads[at], most) for at in np.flatnonzero(counts > most).tolist())

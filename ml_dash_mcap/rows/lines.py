@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.json as pj
 
-from . import depth
+from . import depth, same_bytes
 from .columns import FIELD_PREFIX
 from .encode import EXACT_KEY, TIME_KEY
 from .table import tight
@@ -277,5 +277,5 @@ def _is_exact(array: pa.Array) -> bool:
 
 def _is_safe(array: pa.Array) -> bool:
     """Whether no value can have been an integer that a double rounds."""
-    values = (array.drop_null() if array.null_count else array).to_numpy()
+    values = same_bytes.to_numpy(array.drop_null() if array.null_count else array)
     return not len(values) or bool(values.min() > -_EXACT_INTEGERS and values.max() < _EXACT_INTEGERS)

@@ -15,6 +15,7 @@ import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from . import same_bytes
 from .encode import EXACT_KEY, TIME_KEY, exact, restore
 
 Row = dict[str, Any]
@@ -70,7 +71,7 @@ class Block:
 
     def take(self, which: npt.NDArray[np.intp]) -> Block:
         """Return some of the rows, in the order given."""
-        indices = pa.array(which)
+        indices = same_bytes.to_arrow(which)
         return Block(
             len(which), {name: Column(one.array.take(indices), one.is_text) for name, one in self.columns.items()}
         )
@@ -197,14 +198,15 @@ def tight(array: pa.Array) -> pa.Array:
     if not pa.types.is_list(type_) or not len(array):
         return array
     inner, has_gaps = tight(array.flatten()), array.null_count > 0
-    lengths = pc.fill_null(pc.list_value_length(array), 0).to_numpy() if has_gaps else np.diff(array.offsets.to_numpy())
+    each = pc.fill_null(pc.list_value_length(array), 0) if has_gaps else None
+    lengths = np.diff(same_bytes.to_numpy(array.offsets)) if each is None else same_bytes.to_numpy(each)
     if (pa.types.is_integer(inner.type) or pa.types.is_floating(inner.type)) and len(inner) and not has_gaps:
         size = int(lengths[0])
         if len(inner) == size * len(array) and (lengths == size).all():
             return pa.FixedSizeListArray.from_arrays(inner, size)
     if inner.type == type_.value_type:
         return array
-    offsets = pa.array(np.concatenate(([0], np.cumsum(lengths))).astype(np.int32))
+    offsets = same_bytes.to_arrow(np.concatenate(([0], np.cumsum(lengths))).astype(np.int32))
     return pa.ListArray.from_arrays(offsets, inner, mask=pc.is_null(array) if has_gaps else None)
 
 

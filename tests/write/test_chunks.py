@@ -21,7 +21,7 @@ def topics_by_chunk(path: Path) -> list[list[str]]:
         summary = make_reader(file).get_summary()
     assert summary is not None
     found = sorted(summary.chunk_indexes, key=lambda index: index.chunk_start_offset)
-    return [sorted(summary.channels[id].topic for id in index.message_index_offsets) for index in found]
+    return [sorted(summary.channels[one].topic for one in index.message_index_offsets) for index in found]
 
 
 def record(folder: Path, options: RecorderOptions | None = None, flushes: int = 1) -> None:
@@ -68,13 +68,13 @@ def test_a_window_of_one_topic_reads_no_other_topics_chunk(tmp_path: Path) -> No
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
-    names = {id: channel.topic for id, channel in summary.channels.items()}
+    names = {one: channel.topic for one, channel in summary.channels.items()}
     with Recording(tmp_path) as recording:
         (file_read,) = recording._opened()
         before = file_read.source.bytes_read
         assert len(list(recording["arm"].rows(0.25, 0.35))) == 101
         taken = file_read.source.bytes_read - before
-    arms = [index for index in summary.chunk_indexes if [names[id] for id in index.message_index_offsets] == ["arm"]]
+    arms = [index for index in summary.chunk_indexes if [names[one] for one in index.message_index_offsets] == ["arm"]]
     own = [index for index in arms if index.message_start_time <= 350_000_000 and index.message_end_time >= 250_000_000]
     assert len(own) == 1
     assert taken == sum(index.chunk_length + index.message_index_length for index in own)
