@@ -1,6 +1,6 @@
 """Rows of one topic and one time stamp within a block become one.
 
-Rows of different blocks are left to the reader: each block is one chunk, by whose number a recovery knows it.
+Rows of different blocks are left to the reader: a recovery knows blocks by their number, so none may go into another.
 """
 
 from __future__ import annotations

@@ -1,0 +1,147 @@
+"""What a recorder that died left behind, made whole: its unfinished segment finished, its journal folded in."""
+
+from __future__ import annotations
+
+import errno
+import json
+import logging
+import socket
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import MissingRecordingError
+from ..layout import SESSION_GLOB
+from ..options import RecorderOptions
+from ..version import LIBRARY
+from ..write.blocks import STAMP, BlockWriter
+from ..write.channels import ChannelInfo
+from ..write.lock import SessionLock
+from ..write.rows import Block
+from . import journals, segments
+from .journals import Leftover
+
+_log = logging.getLogger("ml_dash_mcap")
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """What a recovery did."""
+
+    finished: list[Path] = field(default_factory=list)
+    """Segments that had lost their end, and the one made of the journal."""
+    rows: int = 0
+    """Rows that were in the journal only."""
+    lost_bytes: int = 0
+    """What the machine's crash left of chunks that are in no journal either: their rows are lost."""
+    left: list[Path] = field(default_factory=list)
+    """Session files of dead recorders whose leftovers could not be recovered here; the log says why."""
+
+    def __add__(self, other: Recovered) -> Recovered:
+        """Return what both did."""
+        return Recovered(
+            [*self.finished, *other.finished],
+            self.rows + other.rows,
+            self.lost_bytes + other.lost_bytes,
+            [*self.left, *other.left],
+        )
+
+
+def recover(path: str | Path) -> Recovered:
+    """Recover what dead recorders left in a run's folder; leave alone what living ones are writing.
+
+    `Recorder` and `Recording` do this when they open a folder. Nothing is lost if it is interrupted.
+
+    Args:
+        path: The run's folder.
+
+    Raises:
+        MissingRecordingError: There is no such folder.
+    """
+    folder = Path(path).expanduser()
+    if not folder.is_dir():
+        raise MissingRecordingError(errno.ENOENT, "no recording here", str(path))
+    done = Recovered()
+    for session_file in sorted(folder.glob(SESSION_GLOB)):
+        if session_file.is_symlink() or not session_file.is_file():
+            continue  # a folder from outside may hold pipes, which would be waited for, and ways to others' sessions
+        lock = SessionLock.seize(session_file)
+        if lock is None:
+            continue
+        try:
+            done += _recover_session(folder, lock)
+        except Exception as error:  # whatever is wrong with one session, the others and this folder's user go on
+            _log.warning("the leftovers of a crashed recorder in %s stay as they are: %r", folder, error)
+            done += Recovered(left=[session_file])
+        finally:
+            lock.release()
+    return done
+
+
+def _recover_session(folder: Path, lock: SessionLock) -> Recovered:
+    said = _read_session(lock.path)
+    session = str(said.get("session") or lock.path.stem.removeprefix(".ml_dash-"))
+    buffers = [Path(name) for name in journals.paths_of(str(said.get("journals") or ""), session)]
+    is_copy = _is_copy(said, lock)
+    if is_copy and SessionLock.is_held(Path(said["path"])):
+        buffers = []  # their recorder lives; this folder is a copy of its
+    elif not buffers and said.get("host") not in (None, socket.gethostname()):
+        _log.warning(
+            "%s: the rows that a recorder on %s had not written yet are in its journal there (%s); open the recording"
+            " there to get them",
+            folder,
+            said["host"],
+            said.get("journals"),
+        )
+        return Recovered(left=[lock.path])
+    leftovers = journals.read_all(buffers, session)
+    about = {str(key): str(value) for key, value in dict(said.get("about") or {}).items()}
+    unfinished = list(segments.unfinished(folder, session, about.pop(STAMP, "")))
+    torn_bytes = sum(map(segments.torn_chunk_bytes, unfinished))
+    journaled = {leftover.block for leftover in leftovers if leftover.starts}
+    finished = [segments.finish(path, journaled) for path in unfinished]
+    written, sequences = segments.written_so_far(folder, session)
+    pending = [leftover for leftover in leftovers if leftover.block >= written]
+    rows = sum(len(leftover.starts) for leftover in pending)
+    if rows or any(leftover.extras for leftover in pending):
+        about = {"prefix": folder.name, "run": session, **about, "library": LIBRARY, "recovered": "true"}
+        finished += _fold_in(folder, about, pending, written, sequences)
+    if not is_copy:
+        for buffer in buffers:
+            buffer.unlink(missing_ok=True)
+    lock.remove()
+    return Recovered(finished, rows, lost_bytes=0 if pending else torn_bytes)
+
+
+def _is_copy(said: dict[str, Any], lock: SessionLock) -> bool:
+    """Whether a session file was copied along with its folder, and the one that the journal belongs to is there yet."""
+    original = said.get("path")
+    if not isinstance(original, str) or said.get("inode") in (None, lock.inode):
+        return False
+    return Path(original) != lock.path.absolute() and Path(original).exists()
+
+
+def _read_session(session_file: Path) -> dict[str, Any]:
+    try:
+        said = json.loads(session_file.read_bytes())
+    except ValueError:  # the process died while it wrote this, before it recorded anything
+        return {}
+    return said if isinstance(said, dict) else {}
+
+
+def _fold_in(
+    folder: Path, about: dict[str, str], pending: list[Leftover], written: int, sequences: dict[str, int]
+) -> list[Path]:
+    """Write buffers, in order, into a segment of their own."""
+    channels: dict[int, ChannelInfo] = {}
+    for leftover in pending:
+        channels.update(leftover.channels)
+    by_number = {number: sequences.get(info.topic, 0) for number, info in channels.items()}
+    blocks = BlockWriter(folder, RecorderOptions(), about, channels, written, by_number)
+    for one in pending:
+        data = np.frombuffer(bytearray(one.data), np.uint8)
+        blocks.commit(blocks.prepare(Block(data, one.begin, one.end, one.starts, one.gaps, one.extras)))
+    blocks.finish({})
+    return blocks.finished
