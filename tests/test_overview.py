@@ -88,3 +88,11 @@ def test_a_damaged_file_has_a_line_and_a_table(run: Path) -> None:
         assert "robot (101)" in repr(rec)
         (_, script, robot) = Cells(rec._repr_html_()).rows
         assert (script[0], robot[0]) == ('<script>alert("x")</script>', "robot")
+
+
+def test_a_field_whose_values_differ_in_kind_is_said_to_be_anything(tmp_path):
+    with Recorder(tmp_path) as recorder:
+        for value in (1, "one", [1.0]):
+            recorder.topic("odd").append(x=value, y=0.5, _ts=1.0 + len(str(value)))
+    with Recording(tmp_path) as rec:
+        assert {name: str(field) for name, field in rec.topics["odd"].fields.items()} == {"x": "any", "y": "number"}

@@ -114,9 +114,10 @@ def _fields(files: Sequence[File], topic: str, schema: Mapping[str, Any], start:
         first = next(rows.read(files, topic, start, start), None)
     except (EncodingError, DamagedFileError):  # whoever reads the rows is told
         return fields
+    covers_all = bool(fields) and counts.kind(files, topic) is not None  # what it leaves out differs from row to row
     for name, value in flatten(first, TIME_KEY).items() if first is not None else ():
         if name != TIME_KEY and value is not None:
-            fields.setdefault(name, shapes.of_value(value))
+            fields.setdefault(name, Field("any") if covers_all else shapes.of_value(value))
     return fields
 
 
