@@ -108,6 +108,9 @@ AIMS = (
     beside("a window, how often a second", "window", "mcap", 5),
     beside("a window, how often a second", "window", "ml-dash", 50),
     beside("a window, how often a second", "window", "dreamlake", 50),
+    beside("a topic to Arrow, how often a second", "arrow", "mcap-ours"),
+    beside("rows a second", "rows", "mcap-ours"),
+    beside("a window, how often a second", "window", "mcap-ours"),
     Aim("bytes read for it, beside what overlaps it", ("window", "ours", "read_of_needed"), None, at_most=1.05),
     Aim("opening a folder of segments, ms", ("opening", "segments", "open_ms"), None, at_most=1_000),
     Aim(
