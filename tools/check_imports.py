@@ -39,7 +39,7 @@ HEAVY = {
         *("export.samples", "ingest.cells"),
         *("read.columns", "read.exact", "ros.blocks", "export.parquet", "topic_reader", "alignment"),
     },
-    "rosbags": {"ros.stores", "export.rosbag1", "ingest.bag_ros1"},
+    "rosbags": {"ros.stores"},
     "google": {"read.protobuf"},
     "mcap_protobuf": {"read.protobuf"},
     "ezc3d": {"export.c3d", "ingest.c3d"},

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import lz4.frame
-from rosbags.interfaces import Connection
-from rosbags.rosbag1 import Writer
-
 from ..errors import ConversionWarning, OptionError
 from .bag_plan import Settings
-from .bag_topics import MisfitError, Outgoing, Sent, write_package
+from .bag_ros1 import COMPRESSORS, Storage
+from .bag_topics import MisfitError, Outgoing, write_package
 from .destination import fresh_file, fresh_folder, refuse_existing
 from .job import Job, Steps
-
-COMPRESSIONS = ("none", "bz2", "lz4")
 
 
 def export(
@@ -55,10 +50,10 @@ def export(
         OptionError: An option has a value that it cannot have.
         ConversionError: A row cannot be said; the message names it.
     """
-    if compression not in COMPRESSIONS:
-        raise OptionError(f"compression={compression!r}: it must be one of {', '.join(map(repr, COMPRESSIONS))}")
+    if compression not in COMPRESSORS:
+        raise OptionError(f"compression={compression!r}: it must be one of {', '.join(map(repr, COMPRESSORS))}")
     settings = Settings(
-        profile, mapping, time_offset, package, frame_id, tf, on_bad, is_ros1=True, embed_images=embed_images
+        profile, mapping, time_offset, package, frame_id, tf, on_bad, True, Storage.room, True, embed_images
     )
     beside = job.dest.with_name(f"{job.dest.stem}_interfaces")
     if settings.profile != "std":
@@ -82,20 +77,12 @@ def export(
 
 
 def _write(path: Path, outgoing: Outgoing, compression: str, steps: Steps) -> None:
-    writer = Writer(path)
-    if compression != "none":
-        writer.set_compression(Writer.CompressionFormat[compression.upper()])
-    if compression == "lz4":
-        writer.compressor = _lz4
     steps.begin()
     is_warned = False
-    with writer:
-        connections = {
-            outlet.number: writer.add_connection(outlet.topic, outlet.type, msgdef=outlet.text, md5sum=outlet.digest)
-            for outlet in outgoing.outlets
-        }
+    bag = Storage(path, outgoing.outlets, compression)
+    try:
         for rows, sent in outgoing.messages():
-            _put(writer, connections, sent)
+            bag.write(sent)
             steps.add(rows)
             if not is_warned and any(one.times_ns[0] == 0 for one in sent if len(one.times_ns)):
                 is_warned = True
@@ -104,20 +91,6 @@ def _write(path: Path, outgoing: Outgoing, compression: str, steps: Steps) -> No
                     ConversionWarning,
                     stacklevel=2,
                 )
-
-
-def _put(writer: Writer, connections: Mapping[int, Connection], sent: Sequence[Sent]) -> None:
-    found = [
-        (time, one.outlet.number, data)
-        for one in sent
-        for time, data in zip(one.times_ns.tolist(), one.packed.messages(), strict=True)
-    ]
-    if len(sent) > 1:
-        found.sort(key=lambda message: message[:2])
-    for time, number, data in found:
-        writer.write(connections[number], time, data)
-
-
-def _lz4(data: bytes) -> bytes:
-    """Compress a chunk as ROS 1 reads it: without its size, in blocks that do not need each other, with a checksum."""
-    return bytes(lz4.frame.compress(data, store_size=False, block_linked=False, content_checksum=True))
+        bag.finish()
+    finally:
+        bag.close()

@@ -53,7 +53,7 @@ class Bag(Protocol):
         """What was left out because it is damaged, in words."""
 
     def batches(self, wanted: Collection[Channel]) -> Iterator[Batch]:
-        """Yield the messages of some channels, each channel's by time."""
+        """Yield the messages of some channels, each channel's by time as far as the bag's index has them so."""
 
     def close(self) -> None:
         """Close the files. May be called twice."""

@@ -239,14 +239,14 @@ def _scattered(pieces: list[_Piece], ends: Indices, room: int) -> Packed:
     for rows, place, data in pieces:
         at = (starts if rows is None else starts[rows]) + place
         if isinstance(data, Ragged):
-            whole[_ranges(at, data.lengths)] = data.items[_ranges(data.starts, data.lengths)]
+            whole[ranges(at, data.lengths)] = data.items[ranges(data.starts, data.lengths)]
         else:
             block = np.frombuffer(data, np.uint8)[None, :] if isinstance(data, bytes) else data
             whole[at[:, None] + np.arange(block.shape[1])] = block
     return Packed(whole, starts, ends - room)
 
 
-def _ranges(starts: Indices, lengths: Indices) -> Indices:
+def ranges(starts: Indices, lengths: Indices) -> Indices:
     """Return all numbers of the ranges, one range behind the other."""
     ends = np.cumsum(lengths)
     total = int(ends[-1]) if len(ends) else 0

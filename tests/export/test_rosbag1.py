@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rosbags.rosbag1 import Reader
 
+from ml_dash_mcap.conversion import convert
 from ml_dash_mcap.errors import ConversionError, ConversionWarning, DestinationExistsError, OptionError
+from ml_dash_mcap.recording import Recording
 from tests.support import system_python
 from tests.support.bags import ROBOT, export, record, robot_rows, with_rosbags
 
@@ -49,6 +54,40 @@ def test_real_ros_1_reads_a_camera(tmp_path: Path) -> None:
     found = with_ros1(export(tmp_path / "run", tmp_path / "out.bag", "rosbag1"))["topics"]
     assert found["/cam/camera_info"]["first"]["K"] == [number for row in k for number in row]
     assert found["/cam/image"]["first"]["data"] == [1, 2, 3]
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_the_messages_of_all_topics_lie_in_the_order_of_time(tmp_path: Path, compression: str) -> None:
+    topics = {
+        "fast": [{"x": 0.5, "text": "x" * 3000, "_ts": 1 + number / 1000} for number in range(1500)],
+        "slow": [{"y": number, "_ts": 1.0005 + number / 10} for number in range(15)],
+        "late": [{"z": number, "_ts": 2.25} for number in range(3)],
+    }
+    record(tmp_path / "run", topics)
+    bag = export(tmp_path / "run", tmp_path / "out.bag", "rosbag1", compression=compression)
+    data = bag.read_bytes()
+    chunks = [match.start() for match in re.finditer(rb"op=\x05", data)]
+    assert len(chunks) >= 4
+    with Reader(bag) as reader:
+        infos = reader.chunk_infos
+        assert len(infos) == len(chunks)
+        assert all(before.end_time <= after.start_time for before, after in pairwise(infos))
+        times = [time for _, time, _ in reader.messages()]
+    assert len(times) == 1516
+    assert times == sorted(times)
+    with Recording(convert(bag, tmp_path / "back")) as back:
+        assert {name: [row["_ts"] for row in back[name].rows()] for name in topics} == {
+            name: sorted({row["_ts"] for row in rows}) for name, rows in topics.items()
+        }
+
+
+def test_each_connection_is_defined_in_the_chunk_that_first_has_it(tmp_path: Path) -> None:
+    record(tmp_path / "run", {"a": [{"text": "x" * 2_000_000, "_ts": 1.0}], "b": [{"x": 0.5, "_ts": 9.0}]})
+    data = export(tmp_path / "run", tmp_path / "out.bag", "rosbag1").read_bytes()
+    connections = [match.start() for match in re.finditer(rb"op=\x07", data)]
+    first, second = (match.start() for match in re.finditer(rb"op=\x05", data))
+    assert len(connections) == 4  # twice in the index
+    assert first < connections[0] < second < connections[1] < data.rindex(b"op=\x04") < connections[2]
 
 
 def test_the_interface_package_lies_beside_the_bag(tmp_path: Path) -> None:

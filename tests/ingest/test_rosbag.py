@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import sqlite3
 from pathlib import Path
@@ -9,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
@@ -26,6 +29,7 @@ from ml_dash_mcap.errors import (
     OptionError,
     UsageError,
 )
+from ml_dash_mcap.ingest.bag_ros1 import Ros1Bag
 from ml_dash_mcap.recording import Recording
 from tests.support import shared
 from tests.support.bags import export, record, robot_rows
@@ -265,6 +269,58 @@ def test_a_chunk_that_is_damaged_is_an_error_unless_the_rest_is_wanted(tmp_path:
     refused(ours, tmp_path, DamagedFileError, "CRC")
     with pytest.warns(ConversionWarning, match="CRC"):
         assert not converted(ours, tmp_path / "run", on_damage="skip").get("a")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        (b"compression=none", b"compression=nune", "compression is b'nune', which is not known"),
+        (b"op=\x05", b"op=\x09", "not what the index says"),
+        (b"op=\x07", b"op=\x02", "not what the index says"),
+        (b"conn=", b"cunn=", "no proper 'conn'"),
+        (b"#ROSBAG V2.0", b"#ROSBAG V1.2", "its version is b'1.2'"),
+        (b"index_pos=", b"index_pos=\0\0\0\0\0\0\0\0", "no index.*rosbag reindex"),
+        (b"time=", b"time=\xff", None),
+        (b"size=", b"size=\xff\xff\xff\xff", "4294967295 bytes, of"),
+    ],
+)
+def test_a_ros_1_bag_with_a_broken_record_is_named(tmp_path: Path, old: bytes, new: bytes, match: str | None) -> None:
+    record(tmp_path / "in", {"robot": [{"x": 0.5, "_ts": 1.0}]})
+    bag = export(tmp_path / "in", tmp_path / "in.bag", "rosbag1")
+    data = bytearray(bag.read_bytes())
+    at = data.rindex(old) if old in (b"op=\x07", b"conn=") else data.index(old)
+    data[at : at + len(new)] = new
+    bag.write_bytes(data)
+    if match is None:
+        assert len(converted(bag, tmp_path / "run")["robot"]) == 1  # the index says the time, and so does the row
+    else:
+        refused(bag, tmp_path, DamagedFileError, rf"in\.bag.*{match}")
+
+
+@pytest.fixture(scope="module")
+def small_bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """Bags of ROS 1, by compression."""
+    folder = tmp_path_factory.mktemp("small")
+    record(folder / "in", {"robot": [{**row, "_ts": 1.0 + number} for number, row in enumerate(robot_rows(3))]})
+    return {
+        name: export(folder / "in", folder / f"{name}.bag", "rosbag1", compression=name).read_bytes()
+        for name in ("none", "bz2", "lz4")
+    }
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_any_damage_to_a_ros_1_bag_is_no_other_error(
+    tmp_path: Path, small_bags: dict[str, bytes], data: st.DataObject
+) -> None:
+    whole = bytearray(small_bags[data.draw(st.sampled_from(sorted(small_bags)))])
+    for _ in range(data.draw(st.integers(1, 4))):
+        whole[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
+    (tmp_path / "x.bag").write_bytes(whole[: data.draw(st.integers(0, len(whole)) | st.just(len(whole)))])
+    with contextlib.suppress(DamagedFileError):
+        bag = Ros1Bag(tmp_path / "x.bag")
+        with contextlib.closing(bag):
+            assert all(len(batch.times_ns) == len(batch.payloads) for batch in bag.batches(bag.channels))
 
 
 def test_empty_files_are_no_bags(tmp_path: Path) -> None:
