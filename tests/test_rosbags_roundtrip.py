@@ -56,13 +56,18 @@ def test_any_rows_come_back_bit_for_bit(
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_many_rows_of_many_chunks_come_back(tmp_path: Path, kind: str) -> None:
-    columns = smooth_columns(6000)
+    columns = smooth_columns(900)
     with Recorder(tmp_path / "run") as recorder:
-        recorder.topic("robot").append_columns(_ts=np.arange(6000) / 30, **columns)
+        for first in range(0, 900, 150):  # a chunk each
+            part = slice(first, first + 150)
+            recorder.topic("robot").append_columns(
+                _ts=np.arange(900)[part] / 30, **{name: column[part] for name, column in columns.items()}
+            )
+            recorder.topic("words").append_batch(
+                [{"text": "x" * (number % 50), "_ts": number / 7} for number in range(900)[part]]
+            )
+            recorder.flush()
         recorder.topic("robot").append(note="late", q=None, _ts=1000.0)
-        recorder.topic("words").append_batch(
-            [{"text": "x" * (number % 50), "_ts": number / 7} for number in range(3000)]
-        )
     with Recording(tmp_path / "run") as recording:
         before = {topic: list(recording[topic].rows()) for topic in recording.topics}
     assert typed(there_and_back(tmp_path / "run", kind)) == typed(before)
@@ -90,6 +95,9 @@ def test_rows_come_back_with_their_own_times_from_a_bag_whose_times_were_shifted
 
 def test_a_split_bag_comes_back_whole(tmp_path: Path) -> None:
     with Recorder(tmp_path / "run") as recorder:
-        recorder.topic("robot").append_columns(_ts=np.arange(20_000) / 1000, **smooth_columns(20_000))
-    assert len(there_and_back(tmp_path / "run", "mcap", split_bytes=1_000_000)["robot"]) == 20_000
+        for first in range(0, 2000, 500):
+            part = {name: column[first : first + 500] for name, column in smooth_columns(2000).items()}
+            recorder.topic("robot").append_columns(_ts=np.arange(first, first + 500) / 100, **part)
+            recorder.flush()
+    assert len(there_and_back(tmp_path / "run", "mcap", split_bytes=100_000)["robot"]) == 2000
     assert len(list((tmp_path / "out").glob("*.mcap"))) > 2

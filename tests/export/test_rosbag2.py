@@ -105,40 +105,38 @@ def test_the_metadata_is_of_the_version_that_a_distribution_reads(
 @pytest.mark.parametrize("storage", STORAGES)
 def test_a_bag_is_split_by_time_when_a_file_has_grown(tmp_path: Path, storage: str) -> None:
     with Recorder(tmp_path / "run") as recorder:
-        recorder.topic("robot").append_columns(_ts=np.arange(20_000) / 1000, **smooth_columns(20_000))
-        recorder.topic("imu").append_columns(
-            _ts=np.arange(5000) / 250, accel=np.ones((5000, 3)), gyro=np.ones((5000, 3))
-        )
-    bag = export(tmp_path / "run", tmp_path / "bag", storage=storage, split_bytes=1_000_000)
+        recorder.topic("robot").append_columns(_ts=np.arange(2000) / 100, **smooth_columns(2000))
+        recorder.topic("imu").append_columns(_ts=np.arange(500) / 25, accel=np.ones((500, 3)), gyro=np.ones((500, 3)))
+    bag = export(tmp_path / "run", tmp_path / "bag", storage=storage, split_bytes=100_000)
     said = information(bag)
     files = said["files"]
     assert len(files) >= 3
     assert [one["path"] for one in files] == said["relative_file_paths"]
-    assert sum(one["message_count"] for one in files) == said["message_count"] == 90_000
+    assert sum(one["message_count"] for one in files) == said["message_count"] == 9000
     starts = [one["starting_time"]["nanoseconds_since_epoch"] for one in files]
     assert starts == sorted(starts)
     ends = [start + one["duration"]["nanoseconds"] for start, one in zip(starts, files, strict=True)]
     assert all(end <= start for end, start in zip(ends[:-1], starts[1:], strict=True))
     with Reader(bag) as reader:
-        assert reader.message_count == 90_000
-    assert sum(one.topic == "/robot" for one in with_rosbags(bag)) == 20_000
+        assert reader.message_count == 9000
+        assert sum(connection.topic == "/robot" for connection, _, _ in reader.messages()) == 2000
 
 
 def test_a_field_that_comes_late_is_in_the_message_from_the_start(tmp_path: Path) -> None:
     with Recorder(tmp_path / "run") as recorder:
         topic = recorder.topic("robot")
-        topic.append_columns(_ts=np.arange(5000) / 1000, **smooth_columns(5000))
+        topic.append_columns(_ts=np.arange(500) / 100, **smooth_columns(500))
         recorder.flush()
         topic.append(q=[1.0] * 7, note="late", nested={"a": 1}, _ts=6.0)
     seen: list[int] = []
     bag = export(tmp_path / "run", tmp_path / "bag", progress=lambda done, total: seen.append(done))
     own = [one.message for one in with_rosbags(bag) if one.topic == "/robot"]
-    assert len(own) == 5001
+    assert len(own) == 501
     assert (own[0].note, own[-1].note, own[-1].nested.a) == ("", "late", 1)
     assert own[0].field_state.tolist() == [1, 1, 1, 1, 1, 1, 0, 0]
     assert own[-1].field_state.tolist() == [1, 0, 0, 0, 0, 0, 1, 1]
-    assert sum(one.topic == "/robot/ee_pose" for one in with_rosbags(bag)) == 5000
-    assert seen == sorted(seen) and seen[-1] == 5001
+    assert sum(one.topic == "/robot/ee_pose" for one in with_rosbags(bag)) == 500
+    assert seen == sorted(seen) and seen[-1] == 501
 
 
 def test_topics_that_look_alike_stay_apart(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from ml_dash_mcap.errors import EncodingError
 from ml_dash_mcap.ros.decode import decoder
 from tests.support import ros_messages
 
-FEW = settings(max_examples=60, deadline=None)
+FEW = settings(max_examples=40, deadline=None)
 
 
 @st.composite

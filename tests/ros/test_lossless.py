@@ -44,7 +44,7 @@ def to_rows(message: Message, messages: list[bytes], *, is_ros1: bool = False) -
 
 
 @given(tables(), st.sampled_from([ROS1, ROS2]), st.booleans())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=200, deadline=None)
 def test_any_rows_come_back_bit_for_bit(rows: list[Row], is_ros1: bool, is_json: bool) -> None:
     rows = timed(rows)
     message = designed(rows, is_json=is_json)
