@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import datetime
 from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NoReturn
 from zoneinfo import ZoneInfo
 
 from ..errors import ForeignFileError, OptionError
@@ -75,6 +76,33 @@ def _text(raw: bytes) -> str:
         return raw.decode()
     except UnicodeDecodeError:  # what Windows tools wrote before they wrote UTF-8
         return raw.decode("latin-1")
+
+
+def csv_cells(path: Path, text: str, line: int) -> list[str]:
+    """Return the cells of a line of CSV.
+
+    Raises:
+        ForeignFileError: It is no such line, as where lines end as on old Macs.
+    """
+    try:
+        return next(csv.reader([text]), [])
+    except csv.Error as error:
+        raise ForeignFileError(path, f"the line is no CSV: {error}", line) from error
+
+
+def refuse_semicolons(path: Path) -> NoReturn:
+    """Raise ForeignFileError for a table of commas that has something else in their place."""
+    said = "the file is separated by ';' or tabs, as some languages export it: export with commas and points"
+    raise ForeignFileError(path, said, 1, 1)
+
+
+def refuse_numbers(path: Path, cells: Sequence[str], row: str, line: int) -> None:
+    """Raise ForeignFileError if a row that the header should have is one of the numbers behind it."""
+    try:
+        float(cells[0])
+    except (IndexError, ValueError):
+        return
+    raise ForeignFileError(path, f"the header has no {row}: there are numbers in its place", line, 1)
 
 
 def seconds_at(moment: tuple[int, int, int, int, int, int], fraction: str, timezone: str) -> float:

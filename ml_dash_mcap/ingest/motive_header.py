@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from pathlib import Path
 
 from ..errors import ForeignFileError
 from ..mocap.space import UNITS
-from .headers import Header
+from .headers import Header, csv_cells, refuse_semicolons
 
 VERSIONS = ("1.2", "1.20", "1.21", "1.22", "1.23", "1.24", "1.25")
 BODIES = ("Rigid Body", "Bone")
@@ -34,13 +33,8 @@ class Column:
 def read_pairs(path: Path, line: str) -> dict[str, str]:
     """Return the first line's keys and values."""
     if line.startswith(("Format Version;", "Format Version\t")):
-        raise ForeignFileError(
-            path,
-            "the file is separated by ';' or tabs, as some languages export it: export with commas and points",
-            1,
-            1,
-        )
-    cells = next(csv.reader([line]), [])
+        refuse_semicolons(path)
+    cells = csv_cells(path, line, 1)
     if not cells or cells[0] != "Format Version":
         raise ForeignFileError(path, "the file does not begin with 'Format Version'; it is no CSV of Motive's", 1, 1)
     pairs = dict(zip(cells[::2], cells[1::2], strict=False))
@@ -60,9 +54,9 @@ def read_columns(path: Path, header: Header) -> tuple[list[Column], int]:
     lines: list[int] = []
     while True:
         text = header.next("the row of 'Frame' and 'Time'")
-        cells = next(csv.reader([text]), [])
-        if any(cell.strip() for cell in cells):
-            rows.append([cell.strip() for cell in cells])
+        cells = [cell.strip() for cell in csv_cells(path, text, header.line)]
+        if any(cells):
+            rows.append(cells)
             lines.append(header.line)
         if rows and rows[-1][0].lower() == "frame":
             break

@@ -97,7 +97,9 @@ class Tracks(Arrays):
         if not good.all():
             if cells.on_bad == "raise":
                 row = int((~good).argmax())
-                raise ForeignFileError(cells.path, f"the row has the time {times[row]!r} s, which is none", line + row)
+                raise ForeignFileError(
+                    cells.path, f"the row has the time {float(times[row])!r} s, which is none", line + row
+                )
             cells.bad += int((~good).sum())
             times, values = times[good], values[good]
         self.append(times, values)

@@ -12,7 +12,7 @@ from ..mocap.space import DECIMALS, UNITS
 from ..recorder import Recorder
 from . import Progress, restored
 from .cells import Cells
-from .headers import Header, check_on_bad, distinct, first_line
+from .headers import Header, check_on_bad, distinct, first_line, refuse_numbers
 from .tracks import Report, Tracks
 
 
@@ -96,7 +96,8 @@ def _names(path: Path, header: Header, said: dict[str, str]) -> list[str]:
     if len(cells) < 3 or not cells[0].lower().startswith("frame") or cells[1].lower() != "time":
         raise ForeignFileError(path, "the row of marker names does not begin with Frame# and Time", header.line, 1)
     line = header.line
-    header.next("the row of axes")
+    axes = header.next("the row of axes").split("\t")
+    refuse_numbers(path, axes, "row of axes", header.line)
     while cells and not cells[-1]:
         cells.pop()
     names = cells[2::3]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,7 +16,7 @@ from ..mocap.space import DECIMALS
 from ..recorder import Recorder
 from . import Progress, restored
 from .cells import Cells, Floats
-from .headers import Header, check_on_bad, distinct, first_line
+from .headers import Header, check_on_bad, csv_cells, distinct, first_line, refuse_numbers
 from .tracks import Report, Tracks
 from .trc import marker
 
@@ -184,14 +183,15 @@ def _head(path: Path, header: Header, title: str) -> _Section | None:
     if not 0 < rate < 1e9:
         hint = "; it seems to be separated by ';', as some languages export it" if ";" in text else ""
         raise ForeignFileError(path, f"{text[:40]!r} is not a rate in Hz{hint}", header.line, 1)
-    names = _cells(header.next("the row of names"))
-    axes = _cells(header.next("the row of axes"))
+    names = _cells(path, header, "the row of names")
+    axes = _cells(path, header, "the row of axes")
     if len(axes) < 2 or axes[0].lower() != "frame" or axes[1].lower().replace(" ", "") != "subframe":
         hint = "; it seems to be separated by ';': export with commas and points" if ";" in axes[0] else ""
         raise ForeignFileError(path, f"the row of axes does not begin with Frame and Sub Frame{hint}", header.line, 1)
     while len(axes) > 2 and not axes[-1]:
         axes.pop()
-    units = _cells(header.next("the row of units"))
+    units = _cells(path, header, "the row of units")
+    refuse_numbers(path, units, "row of units", header.line)
     count = len(axes)
     if len(names) > count and any(names[count:]):
         raise ForeignFileError(path, f"there are names for {len(names)} columns, but axes for {count}", header.line - 2)
@@ -202,8 +202,8 @@ def _head(path: Path, header: Header, title: str) -> _Section | None:
     return _Section(title, rate, filled, axes[2:], [unit.lower() for unit in (units + [""] * count)[2:count]])
 
 
-def _cells(line: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([line]), [])]
+def _cells(path: Path, header: Header, what: str) -> list[str]:
+    return [cell.strip() for cell in csv_cells(path, header.next(what), header.line)]
 
 
 def _placed(section: _Section, topic: str) -> list[Placement]:

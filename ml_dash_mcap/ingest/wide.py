@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import re
 from collections.abc import Sequence
@@ -14,10 +13,10 @@ from ..mocap.placement import Placement
 from ..recorder import Recorder
 from . import Progress
 from .cells import Cells
-from .headers import Header, check_on_bad, first_line
+from .headers import Header, check_on_bad, csv_cells, first_line, refuse_semicolons
 from .tracks import Report, Tracks
 
-_START = re.compile("frame,time(,|$)", re.IGNORECASE)
+_START = re.compile("frame[,;\t]time([,;\t]|$)", re.IGNORECASE)
 _INDEXED = re.compile(r"(.+?)((?:\.\d+)+)")
 
 
@@ -45,7 +44,7 @@ def record(
     report = Report(src, progress)
     with src.open("rb") as file:
         header = Header(src, file)
-        names = next(csv.reader([header.next("the row of column names")]))[2:]
+        names = _names(src, header)
         tracks = Tracks(recorder, _placements(names, topic or src.stem), {}, skip_empty=True)
         cells = Cells(src, len(names) + 2, on_bad=on_bad)
         line = 2
@@ -53,6 +52,13 @@ def record(
             line += tracks.append_from(cells, values[:, 1], values[:, 2:], line)
             report.add(len(values), at)
     report.finish(cells.bad)
+
+
+def _names(path: Path, header: Header) -> list[str]:
+    text = header.next("the row of column names")
+    if "," not in text:
+        refuse_semicolons(path)
+    return csv_cells(path, text, 1)[2:]
 
 
 def _placements(names: Sequence[str], topic: str) -> list[Placement]:

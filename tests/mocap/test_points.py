@@ -41,6 +41,7 @@ def markers(draw: Any) -> Rows:
     return {"hand": hand, "markers": loose}
 
 
+@pytest.mark.filterwarnings("ignore:the topics have different axes")
 @settings(max_examples=20, deadline=None)
 @given(data=st.data(), take=markers(), format=st.sampled_from(sorted(SUFFIXES)))
 def test_markers_come_back_bit_for_bit(data: Any, take: Rows, format: str, tmp_path_factory: Any) -> None:
@@ -306,6 +307,9 @@ def test_the_sections_of_a_vicon_file_become_topics(tmp_path: Path) -> None:
         ("x.csv", VICON.replace(",", ";"), "';'"),
         ("x.csv", VICON.replace("Frame,Sub Frame,X", "Bild,Sub Frame,X"), "line 4, column 1"),
         ("x.csv", VICON.replace(",1713.8", ",1713.8,9"), "line 6: the line has 9 cells"),
+        ("x.trc", "".join(line for line in TRC.splitlines(True)[:6] if "X1" not in line).rstrip() + "\n1\t0.0\t1\t2\t3\t4\t5\t6\n", "line 5, column 1: .* no row of axes"),
+        ("x.csv", VICON.replace(",,mm,mm,mm,mm,mm,mm\n", ""), "line 5, column 1: .* no row of units"),
+        ("x.csv", "frame;time;q\n0;0,5;1\n", "line 1, column 1: .*';'"),
         ("x.sto", "Coordinates\nnColumns=3\nendheader\ntime\ta\tb\n0\t1\t2\n1\t1\n", "line 6: the line has 2 cells"),
         ("x.sto", "Coordinates\nnColumns=4\nendheader\ntime\ta\tb\n0\t1\t2\n", "nColumns=4, but 3"),
         ("x.sto", "Coordinates\nnColumns=3\ntime\ta\tb\n0\t1\t2\n", "before 'endheader'"),
