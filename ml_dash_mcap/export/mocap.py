@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-from statistics import median
 from typing import Any
 
+import numpy as np
+
+from .. import clock
+from ..mocap.frames import mean_rate, spacing
 from ..read import topics
 from .selection import Selection
 
@@ -40,11 +42,13 @@ def render(selection: Selection) -> dict[str, Any]:
 
 
 def frame_rate(times: list[float]) -> float:
-    """Return one over the median distance of frames, in Hz; 0.0 where there is none.
+    """Return the rate over all frames if they are evenly spaced, else one over their median distance, in Hz.
 
     Args:
-        times: Of the frames, ascending, in s.
+        times: Of the frames, ascending, in s. 0.0 is returned for fewer than two.
     """
-    distances = [later - earlier for earlier, later in pairwise(times)]
-    typical = median(distances) if distances else 0.0
-    return 1 / typical if typical > 0 else 0.0
+    times_ns = np.unique(clock.to_nanoseconds_each(np.array(times, np.float64))).astype(np.int64)
+    found = spacing(times_ns)
+    if found.frames is not None:
+        return mean_rate(times_ns, found.frames)
+    return clock.NS_PER_S / float(np.median(np.diff(times_ns)))

@@ -35,8 +35,9 @@ def export(
         rate: Frames a second, or "median", to resample to. None for the rows as they are: they must be evenly spaced
             in Motive's layout.
         length_units: Of Motive's layout.
-        up: Which axis points up in Motive's layout: a recording is turned where its topics' metadata says that another
-            one does (`up`; "z" if it does not say). None turns nothing.
+        up: Which axis points up in Motive's layout: "z" or "y". A topic is turned if another one does there, which its
+            metadata says (`up`; "z" if it does not say). None turns nothing: what was recorded without a word of axes
+            has z up in the file, and what came from a file with y up has y up again.
         decimals: How many each number has; None for as many as it needs to come back the same.
         joints: In Motive's layout, joint angles are in an OpenSim file `<name>.joints.sto` beside it, or columns (which
             strict readers refuse), or left out.

@@ -87,7 +87,8 @@ def write(job: Job, options: TakeOptions, form: Form) -> Path:
         path = files.enter_context(fresh_file(job.dest))
         if has_beside:
             refuse_existing(beside)
-            sto.write(job, joints, options, files.enter_context(fresh_file(beside)), with_origin=with_origin)
+            joints_file = files.enter_context(fresh_file(beside))
+            sto.write(job, joints, options, joints_file, decimals=form.decimals, with_origin=with_origin)
         with path.open("wb") as file:
             _write(Take(job, options, things, clock), form, file, beside.name if has_beside else None)
     return job.dest

@@ -5,21 +5,22 @@ The layout is that of opensim-org's documentation, "Storage (.sto) File Format";
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import ConversionError
+from ..errors import ConversionError, ConversionWarning
 from ..mocap.objects import Joint, Source
 from ..mocap.placement import Note, Placing, to_text
 from . import clocks as rates
 from .clocks import Rate
 from .destination import fresh_file, refuse_existing
 from .job import Job
-from .table_text import TableText, numbers
-from .take import Take, found_in, numeric
+from .table_text import TableText
+from .take import Take, found_in, is_ragged, numeric
 from .take_options import TakeOptions, check_decimals
 
 NOTE_LINE = "ml_dash_note"
@@ -95,7 +96,7 @@ def write(
         for window in take.windows():
             whole = ~np.isnan(window.values).any(axis=1)
             count += int(whole.sum())
-            file.write(text.rows(numbers(window.times[whole]), window.values[whole]))
+            file.write(text.rows(text.times(window.times[whole]), window.values[whole]))
         file.seek(at_count)
         file.write(b"%-20d" % count)
 
@@ -120,9 +121,18 @@ def _angle_unit(metadata: Mapping[str, Any], column: str) -> str | None:
 
 
 def every_number(job: Job, topic: str) -> list[Joint]:
-    """Return each number of a topic's rows as a column: `q.0`, `pose.yaw`."""
+    """Return each number of a topic's rows as a column: `q.0`, `pose.yaw`; warn of lists that have no one length."""
+    shapes = numeric(job, topic)
+    columns = {".".join(path) for path in shapes}
+    for name, field in job.topics[topic].fields.items():
+        if is_ragged(field) and name not in columns:
+            warnings.warn(
+                f"topic {topic!r}: the field {name!r} is left out, for its lists have several lengths",
+                ConversionWarning,
+                stacklevel=2,
+            )
     found: list[Joint] = []
-    for path, shape in numeric(job.topics[topic]).items():
+    for path, shape in shapes.items():
         name = ".".join(path)
         if not shape:
             found.append(Joint(name, topic, Source((path,), ())))

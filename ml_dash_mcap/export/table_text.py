@@ -50,11 +50,14 @@ class TableText:
 
     def heads(self, frames: npt.NDArray[np.int64], times: Floats, *more: str) -> list[bytes]:
         """Spell the frame and the time of each row, and what all rows have behind them."""
-        spelled = (
-            [f"{time:.{self._decimals}f}".encode() for time in times.tolist()] if self._decimals else numbers(times)
-        )
         behind = [repeat(one.encode(), len(frames)) for one in more]
-        return list(map(self._separator.join, zip(numbers(frames), spelled, *behind, strict=True)))
+        return list(map(self._separator.join, zip(numbers(frames), self.times(times), *behind, strict=True)))
+
+    def times(self, times: Floats) -> list[bytes]:
+        """Spell the time of each row, with as many decimals as all else."""
+        if self._decimals is None:
+            return numbers(times)
+        return [f"{time:.{self._decimals}f}".encode() for time in times.tolist()]
 
     def _plain(self, values: Floats) -> list[bytes]:
         text, border = orjson.dumps(np.ascontiguousarray(values), option=orjson.OPT_SERIALIZE_NUMPY), b"],["

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from ..errors import ConversionError, ConversionWarning
 from ..mocap import objects, quaternions, space
 from ..mocap.objects import Body, Joint, Marker, Objects
-from ..read.topics import TopicInfo
+from ..read.shapes import Field
+from ..rows.encode import TIME_KEY
 from .clocks import Clock
 from .job import Counter, Job
 from .take_options import TakeOptions
@@ -63,6 +64,7 @@ class Take:
         Raises:
             ConversionError: A quaternion or matrix is no rotation, or a field changes its size.
         """
+        self._warn_of_axes()
         counter = self.job.counter()
         topics = [self._topic(topic, counter) for topic in dict.fromkeys(thing.topic for thing in self.things)]
         width = sum(map(_width, self.things))
@@ -77,10 +79,23 @@ class Take:
         if bad:
             warnings.warn(f"{bad} values that are no rotations were left out", ConversionWarning, stacklevel=2)
 
+    def _warn_of_axes(self) -> None:
+        """Warn if a file will have two axes that point up, for it can name only one."""
+        topics = dict.fromkeys(thing.topic for thing in self.things if not isinstance(thing, Joint))
+        ups = {topic: space.up_of(self.job.topics[topic].metadata) for topic in topics}
+        if self.options.up is None and len(set(ups.values())) > 1:
+            said = ", ".join(f"{up} in {topic!r}" for topic, up in ups.items())
+            warnings.warn(
+                f"the topics have different axes that point up ({said}), and nothing is turned; pass up='z' or 'y'",
+                ConversionWarning,
+                stacklevel=2,
+            )
+
     def _topic(self, topic: str, counter: Counter) -> TopicFrames:
         mine = [(thing, at) for thing, at in self.columns() if thing.topic == topic]
-        metadata = self.job.topics[topic].metadata
-        return TopicFrames(self.job.selection(topic), metadata, mine, self.clock, self.options, counter)
+        info = self.job.topics[topic]
+        held = {name for name, field in info.fields.items() if field.type == "integer" and not field.shape}
+        return TopicFrames(self.job.selection(topic), info.metadata, mine, self.clock, self.options, counter, held=held)
 
 
 def _width(thing: Thing) -> int:
@@ -98,21 +113,43 @@ def found_in(job: Job, quat_order: str | None) -> dict[str, Objects]:
                 f"topic {topic!r}: its metadata says quat_order={info.metadata['quat_order']!r}; 'xyzw' and 'wxyz' are"
                 " known. Pass quat_order="
             )
-        found[topic] = objects.find(topic, numeric(info), info.metadata, quat_order)
+        found[topic] = objects.find(topic, numeric(job, topic), info.metadata, quat_order)
     return found
 
 
-def numeric(info: TopicInfo) -> dict[objects.Path, tuple[int, ...]]:
-    """Return the fields of a topic that are numbers, by their keys, with their shapes."""
+def numeric(job: Job, topic: str) -> dict[objects.Path, tuple[int, ...]]:
+    """Return the fields of a topic that are numbers, by their keys, with their shapes.
+
+    One that is a position, a rotation or joints by its name, and whose lists have several lengths, is among them with
+    the length that it should have: reading it finds the row that differs.
+    """
+    info = job.topics[topic]
     found: dict[objects.Path, tuple[int, ...]] = {}
     for name, one in info.fields.items():
         shape = tuple(length for length in one.shape if length is not None)
         path = _path(name, info.schema)
         if one.type in ("number", "integer") and len(shape) == len(one.shape):
             found[path] = shape
-        elif one.shape == (None,) and (expected := objects.expected(path)) is not None:
-            found[path] = expected  # reading finds the row that differs
+        elif is_ragged(one):
+            shape = objects.expected(path) or ()
+            if not shape and objects.is_joints(path, info.metadata):
+                shape = _first_shape(job, topic, name)
+            if shape:
+                found[path] = shape
     return found
+
+
+def is_ragged(field: Field) -> bool:
+    """Whether a field has lists of numbers of several lengths."""
+    return field.type in ("number", "integer") and field.shape == (None,)
+
+
+def _first_shape(job: Job, topic: str, name: str) -> tuple[int, ...]:
+    """Return the shape of a field of lists in the first row that has it; () if none has."""
+    for row in job.selection(topic, [name]).flat_rows(TIME_KEY):
+        if isinstance(row.get(name), list):
+            return (len(row[name]),)
+    return ()
 
 
 def _path(name: str, schema: Mapping[str, Any]) -> objects.Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,8 @@ class TopicFrames:
         clock: Clock,
         options: TakeOptions,
         counter: Counter,
+        *,
+        held: Collection[str] = (),
     ) -> None:
         """Begin to read a topic.
 
@@ -48,6 +50,7 @@ class TopicFrames:
             clock: Of the take.
             options: Of the take.
             counter: Told how many rows were read.
+            held: Dotted names of fields whose numbers are held where others are interpolated.
         """
         self.bad = 0
         """How many values were left out because they are no rotations."""
@@ -63,7 +66,9 @@ class TopicFrames:
         for thing, at in things:
             for source, offset, how in parts_of(thing):
                 places = self._samples.places(source)
-                is_same = how in ("number", "length") or (how == "point" and self._up == self._to)
+                if how == "number" and source.columns[0] in held:
+                    how = "held"
+                is_same = how in ("number", "held", "length") or (how == "point" and self._up == self._to)
                 if is_same and not clock.is_resampled:
                     copied += zip(places, range(at + offset, at + offset + len(places)), strict=True)
                 else:
@@ -102,7 +107,7 @@ class TopicFrames:
 
     def _prepared(self, thing: Thing, source: Source, how: str, numbers: Floats, times: Floats) -> Floats:
         """Return numbers turned to the axes of the file; rotations as x y z w of length 1."""
-        if how == "number":
+        if how in ("number", "held"):
             return numbers
         if how == "matrix":
             matrices = numbers.reshape(-1, 4, 4)
@@ -176,7 +181,8 @@ def _split(numbers: Floats, offset: int, how: str) -> list[tuple[Floats, int, re
     """Return numbers by how they are resampled, each with its first column among its object's."""
     if how == "matrix":
         return [(numbers[:, :4], 0, "slerp"), (numbers[:, 4:], 4, "linear")]
-    return [(numbers, offset, "slerp" if how == "slerp" else "linear")]
+    kinds: dict[str, resample.How] = {"slerp": "slerp", "held": "hold"}
+    return [(numbers, offset, kinds.get(how, "linear"))]
 
 
 def parts_of(thing: Thing) -> list[tuple[Source, int, str]]:

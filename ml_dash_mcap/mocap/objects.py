@@ -128,10 +128,17 @@ def find(topic: str, shapes: Shapes, metadata: Mapping[str, Any], quat_order: st
 
 def expected(path: Path) -> tuple[int, ...] | None:
     """Return the shape that a field should have by its name, if its values have several."""
+    if any(_MARKER.search(word) for word in path[:-1]):
+        return (3,)
     for pattern, size in ((_POSITION, 3), (_ROTATION, 4), (_POSE, 7)):
         if pattern.search(path[-1]) and not _NO_BODY.search(_stem(path, pattern)[-1]):
             return (size,)
     return None
+
+
+def is_joints(path: Path, metadata: Mapping[str, Any]) -> bool:
+    """Whether the numbers of a list are joints by its name."""
+    return _joint_suffix(path[-1], bool(_joint_names(metadata))) is not None
 
 
 def _gather(shapes: Shapes) -> dict[Path, Source]:
@@ -221,8 +228,7 @@ def _rows(prefix: str, topic: str, path: Path, source: Source, names: Any) -> li
 
 
 def _joints(topic: str, shapes: Shapes, used: set[Path], metadata: Mapping[str, Any]) -> list[Joint]:
-    said = metadata.get("joint_names")
-    names = said if isinstance(said, Sequence) and not isinstance(said, str) else ()
+    names = _joint_names(metadata)
     found: list[Joint] = []
     for path, shape in shapes.items():
         if path in used:
@@ -237,6 +243,11 @@ def _joints(topic: str, shapes: Shapes, used: set[Path], metadata: Mapping[str, 
         elif shape == () and _GRIPPER.search(path[-1]):
             found.append(Joint(".".join(path), topic, Source((path,), ())))
     return found
+
+
+def _joint_names(metadata: Mapping[str, Any]) -> Sequence[str]:
+    said = metadata.get("joint_names")
+    return said if isinstance(said, Sequence) and not isinstance(said, str) else ()
 
 
 def _joint_suffix(name: str, is_named: bool) -> str | None:

@@ -10,6 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 from ml_dash_mcap.export import FORMATS
+from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.rows.encode import restore
 from tests.support.files import payload, save
@@ -102,6 +103,16 @@ def test_mocap_has_the_true_frame_rate(recording):
     }
     assert mocap["channels"] == ["fields.time", "q"]
     assert mocap["frames"][0] == {"time": 0.0, "q": [0.5, 1.5], "fields.time": 7}
+
+
+@pytest.mark.parametrize(("missing", "rate"), [((), 120), ((3, 4, 50), 120), (range(1, 60, 2), 60)])
+def test_the_frame_rate_of_rows_of_today_is_not_blurred_by_their_time_stamps(missing, rate, tmp_path):
+    """Doubles of seconds since 1970 are 240 ns apart."""
+    with Recorder(tmp_path / "run") as recorder:
+        for frame in sorted({*range(60)} - {*missing}):
+            recorder.topic("robot").append(q=frame, _ts=1.7e9 + frame / 120)
+    with Recording(tmp_path / "run") as opened:
+        assert opened["robot"].read(format="mocap")["metadata"]["fps"] == pytest.approx(rate, abs=1e-3)
 
 
 def read_mcap(data: bytes) -> list[tuple[str, int, bytes]]:

@@ -58,6 +58,7 @@ def takes(draw: Any) -> dict[str, list[dict[str, Any]]]:
     return {"robot": robot, "hand": hand}
 
 
+@pytest.mark.filterwarnings("ignore:the topics have different axes")
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), take=takes())
 def test_what_was_written_comes_back_bit_for_bit(data: Any, take: Any, tmp_path_factory: Any) -> None:
@@ -128,6 +129,14 @@ def test_six_decimals_look_like_motive(tmp_path: Path) -> None:
     assert file.read_bytes().endswith(
         b"\r\n1,0.010000,0.500000,0.500000,0.500000,0.500000,0.000000,-0.977050,1.000000\r\n"
     )
+
+
+def test_rounded_times_still_bring_body_and_joints_of_a_row_together(tmp_path: Path) -> None:
+    rows = [{"pos": [0.0, 0.5, 1.0], "quat": UNIT, "q": [frame / 8], "_ts": frame / 120} for frame in range(60)]
+    with record(tmp_path / "run", {"robot": rows}) as recording:
+        file = recording.export(tmp_path / "x.csv", format="mocap", decimals=6)
+    back = read_back(file, tmp_path / "back")["robot"]
+    assert [{**row, "_ts": round(row["_ts"] * 120) / 120} for row in back] == rows
 
 
 def test_the_start_of_a_wall_clock_is_in_the_header(tmp_path: Path) -> None:
@@ -208,6 +217,17 @@ def test_a_quaternion_that_flips_its_sign_is_written_without_a_jump(tmp_path: Pa
     assert {line.split(",")[2] for line in file.read_text().splitlines()[7:]} == {"0.5"}
 
 
+def test_axes_stay_unless_asked_and_two_in_one_file_draw_a_warning(tmp_path: Path) -> None:
+    rows = [{"pos": [1.0, 2.0, 3.0], "quat": UNIT, "_ts": frame / 10} for frame in range(3)]
+    with record(tmp_path / "run", {"robot": rows, "studio": rows}, studio={"up": "y"}) as recording:
+        with pytest.warns(ConversionWarning, match="z in 'robot', y in 'studio'.*up='z'"):
+            recording.export(tmp_path / "as.csv", format="mocap")
+        for up, robot, studio in (("z", "1.0,2.0,3.0", "1.0,-3.0,2.0"), ("y", "1.0,3.0,-2.0", "1.0,2.0,3.0")):
+            recording.export(tmp_path / f"{up}.csv", format="mocap", up=up)
+            first = (tmp_path / f"{up}.csv").read_text().splitlines()[7].split(",")
+            assert (",".join(first[6:9]), ",".join(first[13:16])) == (robot, studio)
+
+
 def test_a_quaternion_far_from_length_one_is_an_error_or_missing(tmp_path: Path) -> None:
     rows = [{"pos": [0.0, 0.0, 0.0], "quat": quat, "_ts": at / 10} for at, quat in enumerate([UNIT, [0.0] * 4, UNIT])]
     with record(tmp_path / "run", {"robot": rows}) as recording:
@@ -246,6 +266,33 @@ def test_a_field_that_changes_its_size_is_an_error(tmp_path: Path) -> None:
         with pytest.raises(ConversionError, match=r"'robot', field 'pos', _ts=0\.2: \[0\.0, 0\.0\] is not 3 numbers"):
             recording.export(tmp_path / "x.csv", format="mocap")
         recording.export(tmp_path / "x.csv", format="mocap", end=0.1)
+
+
+@pytest.mark.parametrize("field", ["q", "tau", "markers"])
+@pytest.mark.parametrize("format", ["mocap", "sto", "wide"])
+def test_joints_and_markers_that_change_their_size_are_an_error_too(field: str, format: str, tmp_path: Path) -> None:
+    def value(size: int) -> Any:
+        return {"tip": [0.5] * size} if field == "markers" else [0.5] * size
+
+    rows = [{"pos": [0.0, 0.0, 0.0], field: value(3 if at < 8 else 2), "_ts": at / 8} for at in range(10)]
+    options = {"sto": {"format": "sto", "what": "all"}, "wide": {"format": "mocap", "layout": "wide"}}
+    name = "markers.tip" if field == "markers" else field
+    with (
+        record(tmp_path / "run", {"robot": rows}) as recording,
+        pytest.raises(ConversionError, match=rf"field '{name}', _ts=1\.0: \[0\.5, 0\.5\] is not 3 numbers"),
+    ):
+        recording.export(tmp_path / "x.csv", **options.get(format, {"format": "mocap"}))
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+
+
+def test_other_lists_of_many_lengths_are_left_out_of_the_wide_layout_with_a_warning(tmp_path: Path) -> None:
+    rows = [{"hits": [0.5] * (at % 3), "speed": 2.5, "_ts": at / 8} for at in range(4)]
+    with (
+        record(tmp_path / "run", {"scan": rows}) as recording,
+        pytest.warns(ConversionWarning, match="'hits' is left out"),
+    ):
+        file = recording.export(tmp_path / "x.csv", format="mocap", layout="wide")
+    assert file.read_text().splitlines()[:2] == ["frame,time,speed", "0,0.0,2.5"]
 
 
 def test_a_destination_that_exists_is_refused_also_that_of_the_joints(tmp_path: Path) -> None:
@@ -404,6 +451,8 @@ def numbers_in(row: dict[str, Any]) -> list[list[float]]:
         pytest.param(lambda text: text.replace("X,Y,Z,W", "X,Y,Z,X"), "Rigid Body 'robot' has no column Rotation W", id="no w"),
         pytest.param(lambda text: text.replace("1,0.010000", "1,-9e12"), "line 9: the row has the time", id="time"),
         pytest.param(lambda text: text.replace("0.134648", "inf"), "line 8, column 3", id="infinite"),
+        pytest.param(lambda text: text.replace("\n", "\r"), "line 1: the line is no CSV", id="lines of old Macs"),
+        pytest.param(lambda text: text.replace("1,0.010000", "1,"), "line 9: the row has the time nan s", id="no time"),
     ],
 )  # fmt: skip
 def test_a_broken_file_is_an_error_with_its_line(change: Any, message: str, tmp_path: Path) -> None:

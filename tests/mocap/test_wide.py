@@ -35,13 +35,19 @@ def test_any_times_and_numbers_come_back_bit_for_bit(take: Rows, tmp_path_factor
 
 
 def test_pandas_reads_it_as_one_table(tmp_path: Path) -> None:
-    rows = {"imu": [{"accel": [1.0, 2.0, 9.8], "ok": step, "name": "x", "_ts": 5.0 + step / 10} for step in range(3)]}
+    rows = {
+        "imu": [
+            {"accel": [1.0, 2.0, 9.8], "ok": step, "heat": step / 2, "name": "x", "_ts": 5.0 + step / 10}
+            for step in range(3)
+        ]
+    }
     with record(tmp_path / "run", rows) as recording:
         table = pd.read_csv(recording.export(tmp_path / "x.csv", format="mocap", layout="wide"))
         again = pd.read_csv(recording.export(tmp_path / "y.csv", format="mocap", layout="wide", rate=20))
-    assert list(table.columns) == ["frame", "time", "accel.0", "accel.1", "accel.2", "ok"]
+    assert list(table.columns) == ["frame", "time", "accel.0", "accel.1", "accel.2", "ok", "heat"]
     assert table["time"].tolist() == [5.0, 5.1, 5.2]
-    assert again["ok"].tolist() == pytest.approx([0, 0.5, 1, 1.5, 2])
+    assert again["heat"].tolist() == pytest.approx([0, 0.25, 0.5, 0.75, 1])
+    assert again["ok"].tolist() == [0, 0, 1, 1, 2], "a whole number is held"
 
 
 def test_a_topic_without_numbers_is_an_error(tmp_path: Path) -> None:
