@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import clock
-from ..ros.pack import ranges
 from .bag_plan import Outlet
 from .bag_topics import Sent
 
@@ -190,8 +189,10 @@ def _merged(parts: Sequence[_Pending]) -> _Pending:
         for field in (2, 3, 4)  # as in _Pending
     )
     order = np.lexsort((connections, times))
-    data = np.concatenate([one.data for one in parts])[ranges(starts[order], sizes[order])]
-    sizes = sizes[order]
+    whole = memoryview(np.concatenate([one.data for one in parts]))  # type: ignore[arg-type]  # as in bag_mcap
+    starts, sizes = starts[order], sizes[order]
+    spans = zip(starts.tolist(), (starts + sizes).tolist(), strict=True)
+    data = np.frombuffer(b"".join([whole[start:end] for start, end in spans]), np.uint8)
     return _Pending(data, np.cumsum(sizes) - sizes, sizes, times[order], connections[order])
 
 

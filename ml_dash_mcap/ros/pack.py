@@ -46,6 +46,10 @@ class Packed(NamedTuple):
         return [whole[start + room : end] for start, end in zip(self.starts.tolist(), ends, strict=True)]
 
 
+_LARGE_BYTES = 256
+"""Longer values, such as images, are copied one by one, for which no index of every byte is needed."""
+
+
 class _Piece(NamedTuple):
     rows: Indices | None
     """Of which messages; None for all."""
@@ -239,14 +243,23 @@ def _scattered(pieces: list[_Piece], ends: Indices, room: int) -> Packed:
     for rows, place, data in pieces:
         at = (starts if rows is None else starts[rows]) + place
         if isinstance(data, Ragged):
-            whole[ranges(at, data.lengths)] = data.items[ranges(data.starts, data.lengths)]
+            _copy(data, whole, at)
         else:
             block = np.frombuffer(data, np.uint8)[None, :] if isinstance(data, bytes) else data
             whole[at[:, None] + np.arange(block.shape[1])] = block
     return Packed(whole, starts, ends - room)
 
 
-def ranges(starts: Indices, lengths: Indices) -> Indices:
+def _copy(data: Ragged, whole: Bytes, places: Indices) -> None:
+    """Write values of various lengths to their places."""
+    if int(data.lengths.sum()) < _LARGE_BYTES * len(data.lengths):
+        whole[_ranges(places, data.lengths)] = data.items[_ranges(data.starts, data.lengths)]
+        return
+    for at, start, length in zip(places.tolist(), data.starts.tolist(), data.lengths.tolist(), strict=True):
+        whole[at : at + length] = data.items[start : start + length]
+
+
+def _ranges(starts: Indices, lengths: Indices) -> Indices:
     """Return all numbers of the ranges, one range behind the other."""
     ends = np.cumsum(lengths)
     total = int(ends[-1]) if len(ends) else 0

@@ -77,6 +77,13 @@ def test_the_bytes_are_those_that_rosbags_writes(rows: list[Row], is_ros1: bool)
         assert again == data
 
 
+@pytest.mark.parametrize("is_ros1", [ROS1, ROS2])
+def test_long_values_of_various_lengths_come_back(is_ros1: bool) -> None:
+    rows = timed([{"image": bytes([number]) * number**2, "text": "x" * number} for number in (40, 0, 31, 77)])
+    message = designed(rows)
+    assert to_rows(message, to_bytes(message, rows, is_ros1=is_ros1, room=5), is_ros1=is_ros1) == rows
+
+
 def test_plain_numbers_make_a_message_of_one_size() -> None:
     rows = timed([{"q": [0.5] * 7, "gripper": 0.04, "ok": True, "n": 3, "T": [[0.5] * 4] * 4}] * 3)
     message = designed(rows)
