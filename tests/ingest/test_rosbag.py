@@ -31,7 +31,7 @@ from ml_dash_mcap.errors import (
 )
 from ml_dash_mcap.ingest.bag_ros1 import Ros1Bag
 from ml_dash_mcap.recording import Recording
-from tests.support import shared
+from tests.support import shared, system_python
 from tests.support.bags import export, record, robot_rows
 
 Row = dict[str, Any]
@@ -179,6 +179,22 @@ def test_a_ros_1_bag_becomes_rows(tmp_path: Path) -> None:
         "_ts": 2.0,
     }
     assert converted(tmp_path / "in.bag", tmp_path / "run2", time="header")["/point"][0]["_ts"] == 5.000000006
+
+
+@pytest.mark.parametrize("compression", ["none", "bz2", "lz4"])
+def test_a_bag_that_ros_1_itself_wrote_becomes_rows(tmp_path: Path, compression: str) -> None:
+    needs = ("rosbag", "roslz4", "sensor_msgs.msg")
+    system_python.run("write_bag.py", tmp_path / "in.bag", compression, needs=needs, package="python3-rosbag")
+    rows = converted(tmp_path / "in.bag", tmp_path / "run")
+    assert [row["_ts"] for row in rows["/joints"]] == [100 + number + 5e-9 for number in range(100)]
+    assert [(row["name"], row["position"]) for row in rows["/joints"]] == [
+        (["a", "\u00e4"], [0.5, float(number)]) for number in range(100)
+    ]
+    assert [(row["height"], row["width"], row["data"]) for row in rows["/image"]] == [
+        (1, 2, bytes([number, 255])) for number in range(100)
+    ]
+    by_header = converted(tmp_path / "in.bag", tmp_path / "run2", time="header", topics=["/joints"])
+    assert [row["_ts"] for row in by_header["/joints"]] == [number + 7e-9 for number in range(100)]
 
 
 def test_a_file_of_a_bag_can_be_read_alone(tmp_path: Path) -> None:
