@@ -93,6 +93,7 @@ def test_a_damaged_file_has_a_line_and_a_table(run: Path) -> None:
 def test_a_field_whose_values_differ_in_kind_is_said_to_be_anything(tmp_path):
     with Recorder(tmp_path) as recorder:
         for value in (1, "one", [1.0]):
-            recorder.topic("odd").append(x=value, y=0.5, _ts=1.0 + len(str(value)))
+            recorder.topic("odd").append(x=value, y=0.5, pose=[[1.0, 0.0], [0.0, 1.0]], _ts=1.0 + len(str(value)))
     with Recording(tmp_path) as rec:
-        assert {name: str(field) for name, field in rec.topics["odd"].fields.items()} == {"x": "any", "y": "number"}
+        fields = {name: str(field) for name, field in rec.topics["odd"].fields.items()}
+    assert fields == {"x": "any", "y": "number", "pose": "number[2,2]"}

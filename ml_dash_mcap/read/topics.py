@@ -114,11 +114,17 @@ def _fields(files: Sequence[File], topic: str, schema: Mapping[str, Any], start:
         first = next(rows.read(files, topic, start, start), None)
     except (EncodingError, DamagedFileError):  # whoever reads the rows is told
         return fields
-    covers_all = bool(fields) and counts.kind(files, topic) is not None  # what it leaves out differs from row to row
+    is_inferred = bool(fields) and counts.kind(files, topic) is not None
     for name, value in flatten(first, TIME_KEY).items() if first is not None else ():
         if name != TIME_KEY and value is not None:
-            fields.setdefault(name, Field("any") if covers_all else shapes.of_value(value))
+            differs = is_inferred and not _is_nested(value)  # from row to row, if the schema leaves it out
+            fields.setdefault(name, Field("any") if differs else shapes.of_value(value))
     return fields
+
+
+def _is_nested(value: Any) -> bool:
+    """Whether it is a list of lists or dicts, or an empty one: what an inferred schema cannot say."""
+    return isinstance(value, list) and all(isinstance(element, (list, dict)) for element in value)
 
 
 def _loads(text: str | bytes, default: Any) -> Any:
