@@ -10,10 +10,10 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import ConversionError, ConversionWarning, FormatError
-from ..mocap import quaternions
 from ..mocap.objects import Body, Joint
 from ..mocap.placement import Note, Placing, to_text
 from ..mocap.space import DECIMALS
+from ..rows import rotations
 from . import clocks as rates
 from .clocks import Rate
 from .destination import fresh_file, refuse_existing
@@ -147,7 +147,7 @@ def _add_note(file: Any, note: Note, rate: float) -> None:
 def _matrices(values: Floats) -> Floats:
     """Return the 4x4 matrices of quaternions and positions, [4, 4, N], of x y z w, x y z, [N, 7]."""
     found = np.zeros((4, 4, len(values)))
-    found[:3, :3] = quaternions.to_matrices(values[:, :4]).transpose(1, 2, 0)
+    found[:3, :3] = rotations.to_matrices(values[:, :4]).transpose(1, 2, 0)
     found[:3, 3] = values[:, 4:].T
     found[3, 3] = 1.0
     return found

@@ -11,9 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConversionError, ConversionWarning
-from ..mocap import objects, quaternions, space
+from ..mocap import objects, space
 from ..mocap.objects import Body, Joint, Marker, Objects
 from ..read.shapes import Field
+from ..rows import rotations
 from ..rows.encode import TIME_KEY
 from .clocks import Clock
 from .job import Counter, Job
@@ -108,7 +109,7 @@ def found_in(job: Job, quat_order: str | None) -> dict[str, Objects]:
     """Return the objects of each topic of a job, also of those that have none."""
     found: dict[str, Objects] = {}
     for topic, info in job.topics.items():
-        if info.metadata.get("quat_order") not in (None, *quaternions.ORDERS):
+        if info.metadata.get("quat_order") not in (None, *rotations.ORDERS):
             raise ConversionError(
                 f"topic {topic!r}: its metadata says quat_order={info.metadata['quat_order']!r}; 'xyzw' and 'wxyz' are"
                 " known. Pass quat_order="

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..errors import OptionError
-from ..mocap import quaternions, space
+from ..mocap import space
+from ..rows import rotations
 from .clocks import Rate
 
 
@@ -25,7 +26,7 @@ class TakeOptions:
             check("up", self.up, space.UPS)
         check("on_bad", self.on_bad, ("raise", "missing"))
         if self.quat_order is not None:
-            check("quat_order", self.quat_order, tuple(quaternions.ORDERS))
+            check("quat_order", self.quat_order, tuple(rotations.ORDERS))
 
 
 def check(name: str, value: object, known: tuple[str, ...]) -> None:

@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConversionError, ConversionWarning
-from ..mocap import quaternions, resample, space
+from ..mocap import resample, space
 from ..mocap.frames import longest_gap_s
 from ..mocap.objects import Body, Joint, Marker, Source
+from ..rows import rotations
 from .clocks import Clock
 from .job import Counter
 from .samples import Samples
@@ -102,7 +103,7 @@ class TopicFrames:
             for part, column, kind in _split(numbers, offset, how):
                 placed = resample.at(found_times, part, times, gap, kind) if clock.is_resampled else part
                 if kind == "slerp" and self._options.canonical:
-                    placed, self._last[at] = quaternions.continuous(placed, self._last.get(at))
+                    placed, self._last[at] = rotations.continuous(placed, self._last.get(at))
                 values[rows, at + column : at + column + placed.shape[1]] = placed
 
     def _prepared(self, thing: Thing, source: Source, how: str, numbers: Floats, times: Floats) -> Floats:
@@ -111,18 +112,18 @@ class TopicFrames:
             return numbers
         if how == "matrix":
             matrices = numbers.reshape(-1, 4, 4)
-            rotations, bad = quaternions.of_matrices(matrices[:, :3, :3])
+            turns, bad = rotations.of_matrices(matrices[:, :3, :3])
             self._judge(bad, numbers, thing, source, times)
             points = space.turned(matrices[:, :3, 3], self._up, self._to)
-            both = np.concatenate((space.turned_rotations(rotations, self._up, self._to), points), axis=1)
+            both = np.concatenate((space.turned_rotations(turns, self._up, self._to), points), axis=1)
             both[bad] = np.nan
             return both
         if how == "slerp":
             assert isinstance(thing, Body)
-            bad = quaternions.bad(numbers)
+            bad = rotations.not_unit(numbers)
             self._judge(bad, numbers, thing, source, times)
             self._suspect(thing, numbers)
-            found = quaternions.normalised(quaternions.reorder(numbers, thing.order))
+            found = rotations.normalised(rotations.to_xyzw(numbers, thing.order))
             found[bad] = np.nan
             return space.turned_rotations(found, self._up, self._to)
         return space.turned(numbers, self._up, self._to) if how == "point" else numbers

@@ -8,11 +8,12 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import ForeignFileError, FormatError
-from ..mocap import placement, quaternions
+from ..mocap import placement
 from ..mocap.objects import MARKERS_TOPIC
 from ..mocap.placement import Note, Placement
 from ..mocap.space import DECIMALS, UNITS, turned, turned_rotations, unit_of
 from ..recorder import Recorder
+from ..rows import rotations
 from . import Progress
 from .cells import Floats
 from .headers import distinct
@@ -65,21 +66,21 @@ def record(
     unit = _unit(src, said)
     matrices = np.asarray(data["rotations"], np.float64)
     has_rotations = matrices.ndim == 4 and matrices.shape[2:] == (matrices.shape[2], count)
-    rotations = matrices.transpose(3, 2, 0, 1) if has_rotations else np.empty((count, 0, 4, 4))
+    poses = matrices.transpose(3, 2, 0, 1) if has_rotations else np.empty((count, 0, 4, 4))
     analogs = np.asarray(data["analogs"], np.float64)
     sub_frames = analogs.shape[2] // count if count else 0
     frames = _frames(src)
     if count < frames:
         raise ForeignFileError(src, f"it is no whole C3D file: it has {count} of {frames} frames")
-    width = 3 * points.shape[1] + 4 * rotations.shape[1] + analogs.shape[1]
+    width = 3 * points.shape[1] + 4 * poses.shape[1] + analogs.shape[1]
     note = _note(said, width) if sub_frames <= 1 else None
     places = points[:3].transpose(2, 1, 0).copy()  # [N, M, 3]
     places[(np.asarray(data["meta_points"]["residuals"])[0] < 0).T] = np.nan
-    numbers = np.concatenate((places.reshape(count, -1), _turns(rotations)), axis=1)
+    numbers = np.concatenate((places.reshape(count, -1), _turns(poses)), axis=1)
     origin = start if start is not None else note.origin if note else 0.0
     times = origin + np.arange(count) / hz
     labels = _labels(said, "POINT", points.shape[1], "point")
-    bodies = _labels(said, "ROTATION", rotations.shape[1], "body")
+    bodies = _labels(said, "ROTATION", poses.shape[1], "body")
     channels = _labels(said, "ANALOG", analogs.shape[1], "channel")
     if note:
         numbers = np.concatenate((numbers, analogs[0].T.reshape(count, -1)), axis=1)
@@ -88,9 +89,9 @@ def record(
     else:
         numbers[:, : 3 * len(labels)] /= 10.0 ** DECIMALS[unit]
         found = [marker(name, tuple(range(3 * at, 3 * at + 3)), topic) for at, name in enumerate(labels)]
-        found += _placed(bodies, numbers, rotations, 3 * len(labels))
+        found += _placed(bodies, numbers, 3 * len(labels))
         if len(bodies):
-            numbers = np.concatenate((numbers, rotations[:, :, :3, 3].reshape(count, -1)), axis=1)
+            numbers = np.concatenate((numbers, poses[:, :, :3, 3].reshape(count, -1)), axis=1)
         metadata = {one.topic: {"length_units": "m", "quat_order": "xyzw"} for one in found}
     arrays = Arrays(recorder, found, metadata, skip_empty=note is not None)
     for first in range(0, count, _ROWS):
@@ -171,12 +172,12 @@ def _note(said: Any, columns: int) -> Note | None:
 def _turns(matrices: Floats) -> Floats:
     """Return the quaternions of the bodies, [N, 4 B], of their matrices, [N, B, 4, 4]."""
     count, bodies = matrices.shape[:2]
-    rotations, bad = quaternions.of_matrices(matrices[:, :, :3, :3].reshape(-1, 3, 3))
-    rotations[bad] = np.nan
-    return rotations.reshape(count, 4 * bodies)
+    turns, bad = rotations.of_matrices(matrices[:, :, :3, :3].reshape(-1, 3, 3))
+    turns[bad] = np.nan
+    return turns.reshape(count, 4 * bodies)
 
 
-def _placed(bodies: list[str], numbers: Floats, rotations: Floats, first: int) -> list[Placement]:
+def _placed(bodies: list[str], numbers: Floats, first: int) -> list[Placement]:
     """Return where the bodies of a foreign file go: their quaternions stand before their positions."""
     found: list[Placement] = []
     behind = numbers.shape[1]

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import ForeignFileError
-from ..mocap import placement, quaternions
+from ..mocap import placement
 from ..mocap.objects import MARKERS_TOPIC
 from ..mocap.placement import Placement
 from ..mocap.space import DECIMALS
 from ..recorder import Recorder
+from ..rows import rotations
 from . import Progress, restored
 from .cells import Cells, Floats
 from .headers import Header, check_on_bad, distinct, first_line, seconds_at
@@ -148,7 +149,7 @@ def _bodies(numbers: Floats) -> Floats:
     for at in range(0, numbers.shape[1], _BODY_COLUMNS):
         body = numbers[:, at : at + _BODY_COLUMNS]
         matrices = body[:, 7:].reshape(-1, 3, 3).transpose(0, 2, 1)
-        rotations, bad = quaternions.of_matrices(matrices)
-        rotations[bad] = np.nan
-        found.append(np.concatenate((body[:, :3], rotations, body[:, 6:7]), axis=1))
+        turns, bad = rotations.of_matrices(matrices)
+        turns[bad] = np.nan
+        found.append(np.concatenate((body[:, :3], turns, body[:, 6:7]), axis=1))
     return np.concatenate(found, axis=1)

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConversionWarning
-from . import cameras, checks, rotation, standard, units
+from ..rows import rotations
+from . import cameras, checks, standard, units
 from .columns import Column, Constant, Indices, Ragged, pick
 from .context import BadRows, Context, Load
 from .lossless import INTEGER, PRESENT, STATE, Message
@@ -140,18 +141,19 @@ def _position_and_orientation(context: Context, values: dict[str, Array]) -> tup
         quaternions = _oriented(context, pose[:, 3:], "pose")
         return quaternions if isinstance(quaternions, BadRows) else (pose[:, :3], quaternions)
     matrices = pose.reshape(len(pose), 4, 4)
-    bad = rotation.not_rotations(matrices[:, :3, :3])
-    bad |= (np.abs(matrices[:, 3] - (0, 0, 0, 1)) > rotation.ORTHONORMAL_TOLERANCE).any(axis=1)
+    found, bad = rotations.of_matrices(matrices[:, :3, :3])
+    bad |= ~(np.abs(matrices[:, 3] - (0, 0, 0, 1)) <= rotations.ORTHONORMAL_TOLERANCE).all(axis=1)
+    bad |= ~np.isfinite(found).all(axis=1)
     if bad.any():
         where = " (row by row, the position in its last column)"
         return BadRows(bad, f"field {context.derived.key('pose')!r} is no pose as a 4x4 matrix{where}")
-    return matrices[:, :3, 3], rotation.of_matrices(matrices[:, :3, :3])
+    return matrices[:, :3, 3], np.where(found[:, 3:] < 0, -found, found)
 
 
 def _oriented(context: Context, given: Array, role: str) -> Array | BadRows:
     """Return unit quaternions x y z w."""
     said = context.derived.metadata.get("quat_order")
-    bad = rotation.not_unit(given)
+    bad = rotations.not_unit(given) | ~np.isfinite(given).all(axis=1)
     key = context.derived.key(role)
     if bad.any():
         return BadRows(bad, f"field {key!r} is no unit quaternion: {given[int(np.argmax(bad))].tolist()}")
@@ -162,7 +164,7 @@ def _oriented(context: Context, given: Array, role: str) -> Array | BadRows:
             ConversionWarning,
             stacklevel=2,
         )
-    return rotation.to_xyzw(given, said or "xyzw")
+    return rotations.to_xyzw(given, said or "xyzw")
 
 
 def _twist(context: Context, values: dict[str, Array]) -> dict[str, Column]:

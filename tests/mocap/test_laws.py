@@ -11,22 +11,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ml_dash_mcap.export.table_text import shifted
-from ml_dash_mcap.mocap import frames, objects, placement, quaternions, resample, space
+from ml_dash_mcap.mocap import frames, objects, placement, resample, space
 from ml_dash_mcap.mocap.placement import Note, Placement
+from ml_dash_mcap.rows import rotations
 
 component = st.floats(-1, 1)
 
 
 @st.composite
-def rotations(draw: Any) -> Any:
+def unit_quaternions(draw: Any) -> Any:
     found = np.array(draw(st.lists(st.lists(component, min_size=4, max_size=4), min_size=1, max_size=10)))
     length = np.linalg.norm(found, axis=1, keepdims=True)
     return np.where(length < 0.1, [0.0, 0.0, 0.0, 1.0], found / np.maximum(length, 0.1))
 
 
-@given(rotations())
+@given(unit_quaternions())
 def test_a_rotation_becomes_a_matrix_and_comes_back(found: Any) -> None:
-    back, bad = quaternions.of_matrices(quaternions.to_matrices(found))
+    back, bad = rotations.of_matrices(rotations.to_matrices(found))
     assert not bad.any()
     assert np.abs(np.sum(back * found, axis=1)) == pytest.approx(np.ones(len(found)), abs=1e-12)
 
@@ -34,7 +35,7 @@ def test_a_rotation_becomes_a_matrix_and_comes_back(found: Any) -> None:
 def test_what_is_no_rotation_is_told() -> None:
     mirror = np.diag([1.0, 1.0, -1.0])
     missing = np.full((3, 3), np.nan)
-    assert quaternions.of_matrices(np.stack([np.eye(3), 2 * np.eye(3), mirror, missing]))[1].tolist() == [
+    assert rotations.of_matrices(np.stack([np.eye(3), 2 * np.eye(3), mirror, missing]))[1].tolist() == [
         False,
         True,
         True,
@@ -42,27 +43,27 @@ def test_what_is_no_rotation_is_told() -> None:
     ]
 
 
-@given(rotations(), st.data())
+@given(unit_quaternions(), st.data())
 def test_neighbours_are_never_on_opposite_sides(found: Any, data: Any) -> None:
     signs = data.draw(st.lists(st.sampled_from([-1.0, 1.0]), min_size=len(found), max_size=len(found)))
     mixed = found * np.array(signs)[:, None]
     half = len(mixed) // 2
-    first, last = quaternions.continuous(mixed[:half], None)
-    second, _ = quaternions.continuous(mixed[half:], last)
-    whole, _ = quaternions.continuous(mixed, None)
+    first, last = rotations.continuous(mixed[:half], None)
+    second, _ = rotations.continuous(mixed[half:], last)
+    whole, _ = rotations.continuous(mixed, None)
     both = np.concatenate((first, second))
     assert both.tolist() == whole.tolist(), "windows make no difference"
     assert np.array_equal(np.abs(both), np.abs(mixed))
     assert (np.sum(both[1:] * both[:-1], axis=1) >= 0).all()
 
 
-@given(rotations(), st.sampled_from(["y", "z"]), st.sampled_from(["y", "z"]))
+@given(unit_quaternions(), st.sampled_from(["y", "z"]), st.sampled_from(["y", "z"]))
 def test_turning_there_and_back_changes_no_bit(found: Any, up: str, to: str) -> None:
     points = found[:, :3]
     assert np.array_equal(space.turned(space.turned(points, up, to), to, up), points)
     assert np.array_equal(space.turned_rotations(space.turned_rotations(found, up, to), to, up), found)
-    matrices = quaternions.to_matrices(found)
-    turned = quaternions.to_matrices(space.turned_rotations(found, up, to))
+    matrices = rotations.to_matrices(found)
+    turned = rotations.to_matrices(space.turned_rotations(found, up, to))
     moved = np.einsum("nij,nj->ni", matrices, points)
     np.testing.assert_allclose(
         np.einsum("nij,nj->ni", turned, space.turned(points, up, to)), space.turned(moved, up, to), atol=1e-12

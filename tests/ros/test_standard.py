@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import ConversionError, ConversionWarning
-from ml_dash_mcap.ros import rotation, units
+from ml_dash_mcap.ros import units
 from tests.support.bags import ROBOT, Found, export, record, with_rosbags
 
 Row = dict[str, Any]
@@ -375,23 +373,6 @@ def test_an_array_whose_length_changes_far_on_is_named_with_its_row(tmp_path: Pa
 
 
 # -- the sums ---------------------------------------------------------------------------------------------------------
-
-
-@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: sum(x * x for x in q) > 0.01))
-def test_a_rotation_comes_back_from_its_matrix(given_quaternion: list[float]) -> None:
-    q = np.array([given_quaternion]) / np.linalg.norm(given_quaternion)
-    x, y, z, w = q[0]
-    matrix = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    assert not rotation.not_rotations(matrix[None]).any()
-    back = rotation.of_matrices(matrix[None])
-    assert back[0, 3] >= 0
-    assert abs(float((back @ q.T)[0, 0])) == pytest.approx(1, abs=1e-12)
 
 
 def test_every_usual_unit_is_a_known_one() -> None:

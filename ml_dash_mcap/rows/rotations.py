@@ -1,4 +1,4 @@
-"""Quaternions as motion capture writes them: x y z w, of length 1, without jumps of sign."""
+"""Rotations as ROS and motion capture write them: quaternions x y z w, of length 1, without jumps of sign."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ Floats = npt.NDArray[np.float64]
 ORDERS = {"xyzw": (0, 1, 2, 3), "wxyz": (1, 2, 3, 0)}
 """Where x, y, z and w stand in each order."""
 
+ORTHONORMAL_TOLERANCE = 1e-3
+"""A rotation matrix times its transpose differs from the unit matrix by no more, in any element."""
+
 FAR_FROM_ONE = 1e-2
 """A quaternion whose length differs from 1 by more is no rotation."""
 
@@ -17,13 +20,13 @@ CLOSE_TO_ONE = 1e-6
 """One whose length differs from 1 by no more is left as it is: Motive itself writes six decimals."""
 
 
-def reorder(quaternions: Floats, order: str) -> Floats:
+def to_xyzw(quaternions: Floats, order: str) -> Floats:
     """Return quaternions [N, 4] of an order of `ORDERS` as x y z w."""
     return quaternions[:, list(ORDERS[order])]
 
 
-def bad(quaternions: Floats) -> npt.NDArray[np.bool_]:
-    """Return which quaternions [N, 4] are far from length 1, [N]; missing ones are not."""
+def not_unit(quaternions: Floats) -> npt.NDArray[np.bool_]:
+    """Tell which quaternions [N, 4] are far from length 1, [N]; missing ones, NaN, are not."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.abs(_length(quaternions) - 1) > FAR_FROM_ONE
 
@@ -67,12 +70,12 @@ def of_matrices(matrices: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
     (Shepperd, Quaternion from rotation matrix, 1978.)
 
     Returns:
-        The quaternions, and which of the matrices are no rotations, [N]: not orthonormal to 1e-3, or mirrored.
+        The quaternions, NaN for a missing matrix, and which are no rotations, [N]: not orthonormal, or mirrored.
     """
     m = matrices
     with np.errstate(invalid="ignore"):
         product = m @ m.transpose(0, 2, 1)
-        is_bad = (np.abs(product - np.eye(3)).max(axis=(1, 2)) > 1e-3) | (_determinant(m) < 0)
+        is_bad = (np.abs(product - np.eye(3)).max(axis=(1, 2)) > ORTHONORMAL_TOLERANCE) | (_determinant(m) < 0)
         trace = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
         diagonal = np.diagonal(m, axis1=1, axis2=2)
         squares = np.concatenate((1 - trace[:, None] + 2 * diagonal, 1 + trace[:, None]), axis=1)
