@@ -50,7 +50,7 @@ def align(
     chosen = _columns_by_topic(topics)
     methods = Methods(how)
     tolerance = _tolerance(tolerance_s)
-    low, high = check_range(start, end)
+    low, high = check_range(start, end, ("start", "end"))
     readers = {topic: reader(topic) for topic in chosen}
     tables: dict[str, pa.Table] = {}
     if hz is None and on is not None:

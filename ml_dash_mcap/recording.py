@@ -354,7 +354,7 @@ class Recording:
         """
         dest = Path(dest)
         refuse_existing(dest)
-        low, high = check_range(start, end)
+        low, high = check_range(start, end, ("start", "end"))
         known = {**self.run, "params": self.params}
         chosen = Lookup("topic", self._chosen(topics), self._info)
         return export(Job(dest, self._opened(), chosen, low, high, known, progress), format, options)

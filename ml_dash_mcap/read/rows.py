@@ -31,16 +31,22 @@ _AT_ONCE = 32
 _LAST_S = clock.to_seconds(LAST_NS)
 
 
-def check_range(start: Any, end: Any) -> tuple[float, float]:
+def check_range(
+    start: Any, end: Any, names: tuple[str, str] = ("start_timestamp", "end_timestamp")
+) -> tuple[float, float]:
     """Return a time range in seconds, both ends included; None is unbounded.
+
+    Args:
+        start: First time stamp.
+        end: Last time stamp.
+        names: What the caller calls them.
 
     Raises:
         RangeError: An end is not a number, or the end lies before the start.
     """
-    low = _bound("start_timestamp", start, -math.inf)
-    high = _bound("end_timestamp", end, math.inf)
+    low, high = _bound(names[0], start, -math.inf), _bound(names[1], end, math.inf)
     if low > high:
-        raise RangeError(f"start_timestamp={start!r} lies after end_timestamp={end!r}; no row can be in that range")
+        raise RangeError(f"{names[0]}={start!r} lies after {names[1]}={end!r}; no row can be in that range")
     return low, high
 
 
