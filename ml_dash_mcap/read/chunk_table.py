@@ -99,7 +99,7 @@ class ChunkTable(Sequence[Chunk]):
             yield at, self[at]
 
     def channels(self) -> set[int]:
-        """Return the ids of all channels that a chunk has a message index of."""
+        """Do what the function `channels` does."""
         found: set[int] = set()
         for one in self._alike:
             found.update(np.unique(one.ids).tolist())
@@ -144,6 +144,20 @@ def holding(
     for at, chunk in enumerate(chunks):
         if chunk.end_ns >= start_ns and chunk.start_ns <= end_ns and may_hold(chunk, channels):
             yield at, chunk
+
+
+def channels(chunks: Sequence[Chunk]) -> set[int]:
+    """Return the ids of all channels that a chunk has a message index of."""
+    if isinstance(chunks, ChunkTable):
+        return chunks.channels()
+    return {channel for chunk in chunks for channel in chunk.message_index_offsets}
+
+
+def unpacked_bytes(chunks: Sequence[Chunk], at_most: int) -> int:
+    """Return how many bytes all chunks have unpacked, no more than `at_most` of each."""
+    if isinstance(chunks, ChunkTable):
+        return int(np.minimum(chunks.numbers["unpacked"], np.uint64(at_most)).sum())
+    return sum(min(chunk.uncompressed_size, at_most) for chunk in chunks)
 
 
 def may_hold(chunk: Chunk, channels: Collection[int] | None) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -13,11 +14,11 @@ from ..errors import DamagedFileError
 from . import records
 from .chunk import MESSAGE_HEAD
 from .chunk_indexes import ChunkIndexes
-from .chunk_table import ChunkTable
+from .chunk_table import ChunkTable, channels, unpacked_bytes
 from .fields import Fields
 from .index import FileIndex, Glance
 from .limits import Limits
-from .records import AttachmentEntry, Channel, Footer, Header, MetadataEntry, Opcode, Schema, Statistics
+from .records import AttachmentEntry, Channel, Chunk, Footer, Header, MetadataEntry, Opcode, Schema, Statistics
 from .source import Source
 
 _TAIL_BYTES = records.FOOTER_BYTES + len(records.MAGIC)
@@ -61,7 +62,7 @@ def read(source: Source, size: int, header: Header, found: Footer, limits: Limit
         raise DamagedFileError(source.name, start, "a summary whose checksum (CRC-32) does not match its content")
     contents = _Contents(source.name)
     contents.take(memoryview(data)[: end - start], start)
-    contents.chunks = contents.indexes.table(start)
+    contents.chunks = contents.indexes.chunks(start)
     contents.check_apart(start)
     return contents.index(header, start) if contents.is_sufficient(limits) else None
 
@@ -123,7 +124,7 @@ def clues(source: Source, size: int, found: Footer, limits: Limits) -> Clues:
         contents.take(memoryview(source.read(start, size - _TAIL_BYTES - start)), start)
     places = {entry.offset for entries in (contents.metadata, contents.attachments) for entry in entries}
     with suppress(DamagedFileError):
-        places.update(contents.indexes.table(start).numbers["offset"].tolist())
+        places.update(chunk.offset for chunk in contents.indexes.chunks(start))
     said = contents.statistics
     return Clues(sorted(places), None if said is None else said.message_count)
 
@@ -151,7 +152,7 @@ class _Contents:
     path: str
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    chunks: ChunkTable = field(default_factory=ChunkTable)
+    chunks: Sequence[Chunk] = ()
     metadata: list[MetadataEntry] = field(default_factory=list)
     attachments: list[AttachmentEntry] = field(default_factory=list)
     statistics: Statistics | None = None
@@ -190,6 +191,15 @@ class _Contents:
         self.metadata = _in_order(self.metadata)
         self.attachments = _in_order(self.attachments)
         entries: list[MetadataEntry | AttachmentEntry] = [*self.metadata, *self.attachments]
+        if not isinstance(self.chunks, ChunkTable):
+            spans = [(entry.offset, entry.offset + entry.length) for entry in entries]
+            spans += [(chunk.offset, chunk.end + chunk.message_index_length) for chunk in self.chunks]
+            last = 0
+            for first, behind in sorted(spans):
+                if first < last or not first < behind <= end:
+                    self._refuse_place(first)
+                last = behind
+            return
         starts = [np.array([entry.offset for entry in entries], np.uint64)]
         stops = [np.array([min(entry.offset + entry.length, _LAST) for entry in entries], np.uint64)]
         numbers = self.chunks.numbers
@@ -201,8 +211,10 @@ class _Contents:
         wrong = (start >= stop) | (stop > np.uint64(end))
         wrong[1:] |= start[1:] < stop[:-1]
         if wrong.any():
-            at = int(start[wrong.argmax()])
-            raise DamagedFileError(self.path, at, "the summary puts something here where it cannot be")
+            self._refuse_place(int(start[wrong.argmax()]))
+
+    def _refuse_place(self, at: int) -> None:
+        raise DamagedFileError(self.path, at, "the summary puts something here where it cannot be")
 
     def index(self, header: Header, end: int) -> FileIndex:
         """Return it as the index of a file whose data section ends at `end`."""
@@ -223,11 +235,10 @@ class _Contents:
     def is_sufficient(self, limits: Limits) -> bool:
         """Whether it says enough to find every message, channel, metadata record and attachment."""
         said = self.statistics
-        unpacked = self.chunks.numbers["unpacked"]
-        room = int(np.minimum(unpacked, np.uint64(limits.chunk_bytes)).sum())
+        room = unpacked_bytes(self.chunks, limits.chunk_bytes)
         if said is None or said.chunk_count != len(self.chunks) or said.message_count * MESSAGE_HEAD.itemsize > room:
             return False
-        return self.chunks.channels() <= set(self.channels) and self.knows_channels() and self.knows_entries()
+        return channels(self.chunks) <= set(self.channels) and self.knows_channels() and self.knows_entries()
 
     def knows_channels(self) -> bool:
         """Whether all channels that have messages are known, with their schemas."""
