@@ -7,7 +7,6 @@ time as one, integers beyond 64 bits as doubles, and a missing key like a null. 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -70,7 +69,7 @@ class LineReader:
         """
         if not 0 < len(lines) < _MOST_BYTES or not _is_utf8(lines):
             return None
-        table = self._expected(lines) if self._wanted is None else self._projected(self._wanted, lines, count)
+        table = self._expected(lines) if self._wanted is None else self._projected(self._wanted, lines)
         flat = None if table is None else _flatten(table, count)
         if flat is None:
             table = self._inferred(lines)
@@ -95,7 +94,7 @@ class LineReader:
             return None
         return None if any(_says_nothing(chunk) for column in table.columns for chunk in column.chunks) else table
 
-    def _projected(self, wanted: Sequence[str], lines: bytes, count: int) -> pa.Table | None:
+    def _projected(self, wanted: Sequence[str], lines: bytes) -> pa.Table | None:
         """Read the wanted keys only, if their types are known and can be relied upon."""
         fields = [_SIDE_KEY]
         for name in wanted:
@@ -104,9 +103,6 @@ class LineReader:
                 if type_ is None or _has(type_, _is_unsure):
                     return None
                 fields.append(pa.field(name, type_))
-        slim = _only(fields[1:], lines, count)
-        if slim is not None:
-            return _read(slim, pa.schema(fields[1:]), "error")
         return _read(lines, pa.schema(fields), "ignore")
 
     def _inferred(self, lines: bytes) -> pa.Table | None:
@@ -123,27 +119,6 @@ class LineReader:
         order = list(dict.fromkeys([*(name for name in self._known if name in names), *names]))
         self._known = {**self._known, **{name: table.schema.field(name).type for name in order}}
         return table.select(order)
-
-
-def _only(fields: Sequence[pa.Field], lines: bytes, count: int) -> bytes | None:
-    """Return rows with some keys only, cut out of rows without nested dicts; None where that is not sure to be right.
-
-    In such rows a key in quotes with a colon behind it is a key and nothing else (quotes in text are escaped). If there
-    are as many as rows, each row has it. Numbers and lists of numbers end where the first bracket, brace or comma says.
-    """
-    if not fields or lines.count(b"{") != count or not all(_is_plain(field.type) for field in fields):
-        return None
-    names = b"|".join(re.escape(orjson.dumps(field.name)) for field in fields)
-    found = re.findall(rb"(?:" + names + rb"):(?:\[[^\]]*\]|[^,}]*)", lines)
-    if len(found) != len(fields) * count:
-        return None
-    rows = zip(*[iter(found)] * len(fields), strict=True)
-    return b"{" + b"}\n{".join(map(b",".join, rows)) + b"}"
-
-
-def _is_plain(type_: pa.DataType) -> bool:
-    inner = type_.value_type if pa.types.is_list(type_) else type_
-    return bool(pa.types.is_floating(inner) or pa.types.is_integer(inner) or pa.types.is_boolean(inner))
 
 
 def _is_utf8(lines: bytes) -> bool:
