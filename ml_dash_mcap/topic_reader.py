@@ -228,7 +228,7 @@ class TopicReader:
         end_timestamp: float | None = None,
         columns: Iterable[str] | None = None,
         *,
-        rows: int = 65536,
+        rows: int = 16384,
         start_index: int = 0,
         limit: int | None = None,
     ) -> Iterator[pa.Table]:

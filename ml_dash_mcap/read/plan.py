@@ -12,7 +12,7 @@ from .records import Chunk
 GAP_BYTES = 64 * 1024
 """Neighbours that lie at most this far apart are read together, in bytes: skipping would cost more."""
 
-SPAN_BYTES = 8 * 1024 * 1024
+SPAN_BYTES = 2 * 1024 * 1024
 """A span stops growing beyond this many bytes, which bounds a reader's memory."""
 
 
