@@ -444,23 +444,18 @@ time in nanoseconds, except where said."""
 
 
 def main() -> None:
-    parser = rounds.parser(__doc__, [*MEASURES, *CONTENDERS], "2 GB")
-    given = parser.parse_args()
-    if given.child:
-        rounds.answer(given.child, carry_out)
+    given = rounds.options(__doc__, [*MEASURES, *CONTENDERS], "2 GB", carry_out)
+    if given is None:
         return
-    if given.out and given.only:
-        parser.error("--out writes the whole section: leave out --only")
 
-    sizes, count = (QUICK, given.rounds or 1) if given.quick else (Sizes(), given.rounds or 5)
+    sizes = QUICK if given.quick else Sizes()
     turns = rounds.chosen({name: measure.contenders for name, measure in MEASURES.items()}, given.only)
     once = [name for name, measure in MEASURES.items() if measure.once]
-    results = rounds.play(turns, count, lambda *names: in_a_process(*names, sizes=sizes, folder=given.folder), once)
-    text = section(results, count, sizes, given.folder)
-    if given.out:
-        report.write_section(given.out, "append", text)
-    else:
-        print(text)
+    results = rounds.play(
+        turns, given.rounds, lambda *names: in_a_process(*names, sizes=sizes, folder=given.folder), once
+    )
+    text = section(results, given.rounds, sizes, given.folder)
+    report.deliver(given.out, "append", text)
 
 
 if __name__ == "__main__":

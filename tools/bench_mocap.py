@@ -234,14 +234,10 @@ this library: they neither check that frames are evenly spaced and rotations are
 
 
 def main() -> None:
-    parser = rounds.parser(__doc__, [*MEASURES, *TITLES], "6 GB")
-    given = parser.parse_args()
-    if given.child:
-        rounds.answer(given.child, carry_out)
+    given = rounds.options(__doc__, [*MEASURES, *TITLES], "6 GB", carry_out)
+    if given is None:
         return
-    if given.out and given.only:
-        parser.error("--out writes the whole section: leave out --only")
-    frames, count = (QUICK_FRAMES, given.rounds or 1) if given.quick else (FRAMES, given.rounds or 5)
+    frames = QUICK_FRAMES if given.quick else FRAMES
     sizes = {"whole": frames, "tenth": frames // TENTH}
     with tempfile.TemporaryDirectory(dir=given.folder) as data:
         for name, size in sizes.items():
@@ -251,12 +247,9 @@ def main() -> None:
             size = sizes["tenth" if name == "tenth" else "whole"]
             return rounds.in_a_process(__file__, {"measure": measure, "name": name, "frames": size, "data": data})
 
-        results = rounds.play(rounds.chosen(MEASURES, given.only), count, run)
-    text = section(results, count, frames, given.folder)
-    if given.out:
-        report.write_section(given.out, "mocap", text)
-    else:
-        print(text)
+        results = rounds.play(rounds.chosen(MEASURES, given.only), given.rounds, run)
+    text = section(results, given.rounds, frames, given.folder)
+    report.deliver(given.out, "mocap", text)
 
 
 if __name__ == "__main__":

@@ -227,26 +227,19 @@ given whole columns to store, topic by topic; its format is columnar, and memory
 
 def main() -> None:
     everything = {name: measure.contenders for name, measure in MEASURES.items()}
-    parser = rounds.parser(__doc__, [*MEASURES, *CONTENDERS, *OTHERS], "8 GB")
-    given = parser.parse_args()
-    if given.child:
-        rounds.answer(given.child, carry_out)
+    given = rounds.options(__doc__, [*MEASURES, *CONTENDERS, *OTHERS], "8 GB", carry_out)
+    if given is None:
         return
-    if given.out and given.only:
-        parser.error("--out writes the whole section: leave out --only")
 
-    sizes, count = (QUICK, given.rounds or 1) if given.quick else (Sizes(), given.rounds or 5)
+    sizes = QUICK if given.quick else Sizes()
     turns = rounds.chosen(everything, given.only)
     once = [name for name, measure in MEASURES.items() if measure.once]
     with tempfile.TemporaryDirectory(dir=given.folder) as scratch:
         data = Path(scratch)
         made = prepare(turns, sizes, data)
-        results = rounds.play(turns, count, lambda measure, name: read(measure, name, made, sizes, data), once)
-    text = section(results, made, count, sizes, given.folder)
-    if given.out:
-        report.write_section(given.out, "read", text)
-    else:
-        print(text)
+        results = rounds.play(turns, given.rounds, lambda measure, name: read(measure, name, made, sizes, data), once)
+    text = section(results, made, given.rounds, sizes, given.folder)
+    report.deliver(given.out, "read", text)
 
 
 if __name__ == "__main__":

@@ -153,23 +153,16 @@ is the median of {count} (lowest to highest), the contenders in turn, each time 
 
 
 def main() -> None:
-    parser = rounds.parser(__doc__, [*MEASURES, *TITLES], "10 GB")
-    given = parser.parse_args()
-    if given.child:
-        rounds.answer(given.child, measure)
+    given = rounds.options(__doc__, [*MEASURES, *TITLES], "10 GB", measure)
+    if given is None:
         return
-    if given.out and given.only:
-        parser.error("--out writes the whole section: leave out --only")
-    rows, count = (QUICK_ROWS, given.rounds or 1) if given.quick else (ROWS, given.rounds or 5)
+    rows = QUICK_ROWS if given.quick else ROWS
     turns = rounds.chosen(TURNS, given.only)
     with tempfile.TemporaryDirectory(dir=given.folder) as scratch:
         data = Path(scratch)
-        results = rounds.play(turns, count, lambda what, name: run(what, name, data, rows))
-    text = section(results, count, rows, given.folder)
-    if given.out:
-        report.write_section(given.out, "ros", text)
-    else:
-        print(text)
+        results = rounds.play(turns, given.rounds, lambda what, name: run(what, name, data, rows))
+    text = section(results, given.rounds, rows, given.folder)
+    report.deliver(given.out, "ros", text)
 
 
 if __name__ == "__main__":

@@ -33,6 +33,14 @@ class Aim:
     at_least: float | None = None
 
 
+def deliver(path: Path | None, name: str, body: str) -> None:
+    """Put a section into a file, see `write_section`, or print it where there is none."""
+    if path is None:
+        print(body)
+    else:
+        write_section(path, name, body)
+
+
 def write_section(path: Path, name: str, body: str) -> None:
     """Put `body` between the markers of `name`; what lies outside them stays as it is.
 

@@ -93,6 +93,24 @@ def parser(about: str | None, names: Iterable[str], space: str) -> argparse.Argu
     return made
 
 
+def options(
+    about: str | None, names: Iterable[str], space: str, carry_out: Callable[[Order], Figures]
+) -> argparse.Namespace | None:
+    """Return what a benchmark was asked for, `rounds` among it; None in a process that had an order to carry out.
+
+    The arguments are those of `parser` and `answer`.
+    """
+    made = parser(about, names, space)
+    given = made.parse_args()
+    if given.child:
+        answer(given.child, carry_out)
+        return None
+    if given.out and given.only:
+        made.error("--out writes the whole section: leave out --only")
+    given.rounds = given.rounds or (1 if given.quick else 5)
+    return given
+
+
 def chosen(turns: Mapping[str, Sequence[str]], only: Sequence[str]) -> dict[str, list[str]]:
     """Return the measures and contenders that `--only` names; all measures, or all contenders, if it names none."""
     measures = [name for name in turns if name in only] or list(turns)
