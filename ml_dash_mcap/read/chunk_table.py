@@ -153,6 +153,15 @@ def channels(chunks: Sequence[Chunk]) -> set[int]:
     return {channel for chunk in chunks for channel in chunk.message_index_offsets}
 
 
+def places(chunks: Sequence[Chunk]) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64]]:
+    """Return where chunks start, and where their message indexes end, [N] each, bytes."""
+    if isinstance(chunks, ChunkTable):
+        start = chunks.numbers["offset"]
+        return start, start + chunks.numbers["length"] + chunks.numbers["index_bytes"]
+    ends = [chunk.end + chunk.message_index_length for chunk in chunks]
+    return np.array([chunk.offset for chunk in chunks], np.uint64), np.array(ends, np.uint64)
+
+
 def unpacked_bytes(chunks: Sequence[Chunk], at_most: int) -> int:
     """Return how many bytes all chunks have unpacked, no more than `at_most` of each."""
     if isinstance(chunks, ChunkTable):

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,14 @@ class _Piece:
         return _Piece(self.times_ns[which], self.written[which], [payloads[at] for at in which.tolist()], self.origin)
 
 
+class _Some(NamedTuple):
+    """What is parsed together."""
+
+    pieces: list[_Piece]
+    size: int
+    """Of the payloads, in bytes."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Parsed:
     """Messages of one channel, and the columns that they became."""
@@ -84,7 +92,8 @@ def read(
     reading = _Reading(columns, time_name, low, high)
     start_ns, end_ns = rows.to_ns_range(low, high)
     found = ordering.in_time(messages.cut(files, topic, start_ns, end_ns, _copied))
-    for block in ahead.in_order(reading.block, _together(found), weigh=lambda pieces: sum(map(_size, pieces))):
+    work = ahead.in_order(lambda some: reading.block(some.pieces), _together(found), weigh=lambda some: some.size)
+    for block in work:
         if block.count:
             yield block
 
@@ -94,7 +103,7 @@ def _copied(cut: Cut) -> _Piece:
     return _Piece(cut.times_ns, cut.written, cut.messages.payloads, cut.origin)
 
 
-def _together(groups: Iterable[list[_Piece]]) -> Iterator[list[_Piece]]:
+def _together(groups: Iterable[list[_Piece]]) -> Iterator[_Some]:
     """Join groups of pieces, each later than the one before, into some that are worth parsing."""
     waiting: list[_Piece] = []
     size, enough = 0, _FIRST_BYTES
@@ -102,10 +111,10 @@ def _together(groups: Iterable[list[_Piece]]) -> Iterator[list[_Piece]]:
         waiting += group
         size += sum(map(_size, group))
         if size >= enough:
-            yield waiting
+            yield _Some(waiting, size)
             waiting, size, enough = [], 0, min(2 * enough, _MOST_BYTES)
     if waiting:
-        yield waiting
+        yield _Some(waiting, size)
 
 
 def _size(piece: _Piece) -> int:

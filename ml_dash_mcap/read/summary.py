@@ -11,10 +11,9 @@ from zlib import crc32
 import numpy as np
 
 from ..errors import DamagedFileError
-from . import records
+from . import chunk_table, records
 from .chunk import MESSAGE_HEAD
 from .chunk_indexes import ChunkIndexes
-from .chunk_table import ChunkTable, channels, unpacked_bytes
 from .fields import Fields
 from .index import FileIndex, Glance
 from .limits import Limits
@@ -191,30 +190,16 @@ class _Contents:
         self.metadata = _in_order(self.metadata)
         self.attachments = _in_order(self.attachments)
         entries: list[MetadataEntry | AttachmentEntry] = [*self.metadata, *self.attachments]
-        if not isinstance(self.chunks, ChunkTable):
-            spans = [(entry.offset, entry.offset + entry.length) for entry in entries]
-            spans += [(chunk.offset, chunk.end + chunk.message_index_length) for chunk in self.chunks]
-            last = 0
-            for first, behind in sorted(spans):
-                if first < last or not first < behind <= end:
-                    self._refuse_place(first)
-                last = behind
-            return
-        starts = [np.array([entry.offset for entry in entries], np.uint64)]
-        stops = [np.array([min(entry.offset + entry.length, _LAST) for entry in entries], np.uint64)]
-        numbers = self.chunks.numbers
-        starts.append(numbers["offset"])
-        stops.append(numbers["offset"] + numbers["length"] + numbers["index_bytes"])
-        start = np.concatenate(starts)
+        starts, stops = chunk_table.places(self.chunks)
+        start = np.append(starts, np.array([entry.offset for entry in entries], np.uint64))
+        stop = np.append(stops, np.array([min(entry.offset + entry.length, _LAST) for entry in entries], np.uint64))
         order = np.argsort(start, kind="stable")
-        start, stop = start[order], np.concatenate(stops)[order]
+        start, stop = start[order], stop[order]
         wrong = (start >= stop) | (stop > np.uint64(end))
         wrong[1:] |= start[1:] < stop[:-1]
         if wrong.any():
-            self._refuse_place(int(start[wrong.argmax()]))
-
-    def _refuse_place(self, at: int) -> None:
-        raise DamagedFileError(self.path, at, "the summary puts something here where it cannot be")
+            at = int(start[wrong.argmax()])
+            raise DamagedFileError(self.path, at, "the summary puts something here where it cannot be")
 
     def index(self, header: Header, end: int) -> FileIndex:
         """Return it as the index of a file whose data section ends at `end`."""
@@ -235,10 +220,12 @@ class _Contents:
     def is_sufficient(self, limits: Limits) -> bool:
         """Whether it says enough to find every message, channel, metadata record and attachment."""
         said = self.statistics
-        room = unpacked_bytes(self.chunks, limits.chunk_bytes)
+        room = chunk_table.unpacked_bytes(self.chunks, limits.chunk_bytes)
         if said is None or said.chunk_count != len(self.chunks) or said.message_count * MESSAGE_HEAD.itemsize > room:
             return False
-        return channels(self.chunks) <= set(self.channels) and self.knows_channels() and self.knows_entries()
+        return (
+            chunk_table.channels(self.chunks) <= set(self.channels) and self.knows_channels() and self.knows_entries()
+        )
 
     def knows_channels(self) -> bool:
         """Whether all channels that have messages are known, with their schemas."""

@@ -25,7 +25,6 @@ _EXACT_INTEGERS = 2.0**53
 _MOST_BYTES = 2**31 - 2
 
 _SIDE_KEY = pa.field(EXACT_KEY, pa.struct([]))
-_SIDE_NAME = orjson.dumps(EXACT_KEY)
 """Tells the rows that have it from those that do not, without reading what is in it."""
 
 
@@ -84,9 +83,8 @@ class LineReader:
         Returns:
             None if something else is there, or a key stands in the text and never has a value.
         """
-        if _SIDE_NAME in lines:
-            return None
-        fields = [pa.field(name, type_) for name, type_ in self._known.items() if orjson.dumps(name) in lines]
+        known = [(name, type_) for name, type_ in self._known.items() if name != EXACT_KEY]
+        fields = [pa.field(name, type_) for name, type_ in known if orjson.dumps(name) in lines]
         if not fields or any(_has(field.type, pa.types.is_null) for field in fields):
             return None
         table = _read(lines, pa.schema(fields), "error")
