@@ -1,8 +1,11 @@
 """Values as the cells of a CSV file, a column at a time.
 
-Numbers stand there as in JSON: the shortest text that gives the same double back, and integers with all digits.
-Missing values are empty cells; empty text is `""`. Text that a spreadsheet would take for a formula gets an apostrophe
-in front (CWE-1236); numbers never do. Quoting is that of RFC 4180.
+Numbers stand there as in JSON: the shortest text that gives the same double back, and integers with all digits. Others
+than finite ones are `NaN`, `inf` and `-inf`: the spellings that pandas, polars, DuckDB and pyarrow all read as numbers.
+Missing values are empty cells. Quoting is that of RFC 4180, and text is also quoted where it is empty or looks like
+something else than text (`"007"`, `"true"`, `"NA"`), for the readers that heed it. Text that a spreadsheet would take
+for a formula gets an apostrophe in front (CWE-1236), and so does text that begins like one that has got it, so that
+taking one away gives the text back; numbers never do.
 """
 
 from __future__ import annotations
@@ -19,16 +22,18 @@ import pyarrow.compute as pc
 
 from ..rows.table import Column, to_text, values_of
 
-_FORMULA = r"^[=+\-@\t\r]"
-_QUOTED = r'[",\r\n]|^$'
+_FORMULA = r"^'*[=+\-@\t\r]"
+_NUMBER = r"[0-9]*\.?[0-9]+([eE][+\-]?[0-9]+)?|[0-9]+\."
+_WORDS = r"(?i:nan|inf|infinity|true|false|null|none|na|n/a|#n/a|#na|<na>)"
+_QUOTED = rf'[",\r\n]|^[ \t]|[ \t]$|^$|^({_NUMBER}|{_WORDS})$'
+_NOT_FINITE = {"nan": "NaN", "inf": "inf", "-inf": "-inf"}
 _COMMA = ord(",")
 
 
 def of(column: Column) -> pa.Array:
     """Return the text of each value; null where there is none.
 
-    Lists and dicts are JSON, bytes base64, booleans `true` and `false`, other numbers than finite ones `nan`, `inf` and
-    `-inf`.
+    Lists and dicts are JSON, bytes base64, booleans `true` and `false`.
     """
     array = column.array
     type_ = array.type
@@ -47,8 +52,7 @@ def of(column: Column) -> pa.Array:
 
 def text(value: str) -> str:
     """Return the cell of a text."""
-    safe = f"'{value}" if re.search(_FORMULA, value) else value
-    return '"' + safe.replace('"', '""') + '"' if re.search(_QUOTED, safe) else safe
+    return _quoted(f"'{value}" if re.search(_FORMULA, value) else value)
 
 
 def lines(cells: list[pa.Array]) -> bytes:
@@ -68,11 +72,15 @@ def _one(value: Any) -> str | None:
     if isinstance(value, str):
         return text(value)
     if isinstance(value, bytes):
-        return base64.b64encode(value).decode("ascii")
+        return _quoted(base64.b64encode(value).decode("ascii"))
     if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
+        return _NOT_FINITE[str(value)]
     said = to_text(value)
     return text(said) if isinstance(value, (list, dict)) else said
+
+
+def _quoted(value: str) -> str:
+    return '"' + value.replace('"', '""') + '"' if re.search(_QUOTED, value) else value
 
 
 def _numbers(array: pa.Array) -> pa.Array:
@@ -87,7 +95,7 @@ def _numbers(array: pa.Array) -> pa.Array:
     offsets = np.concatenate(([0], ends, [len(said) - len(values) + 1])).astype(np.int32)
     found = pa.StringArray.from_buffers(len(values), pa.py_buffer(offsets), pa.py_buffer(said[~is_comma]))
     if not np.isfinite(values).all():
-        spelt = [None if math.isfinite(value) else str(value) for value in values.tolist()]
+        spelt = [None if math.isfinite(value) else _NOT_FINITE[str(value)] for value in values.tolist()]
         found = pc.coalesce(pa.array(spelt, pa.string()), found)
     return pc.if_else(array.is_valid(), found, pa.scalar(None, pa.string())) if array.null_count else found
 

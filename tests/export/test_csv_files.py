@@ -16,11 +16,13 @@ import duckdb
 import numpy as np
 import pandas as pd
 import polars as pl
+import pyarrow.csv as pv
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import Recording
+from ml_dash_mcap.cli import main
 from ml_dash_mcap.export.csv_files import stream
 from ml_dash_mcap.export.selection import Selection
 from ml_dash_mcap.rows.columns import flatten
@@ -62,13 +64,28 @@ def test_a_topic_is_a_line_a_row_and_a_column_a_number(tmp_path: Path) -> None:
         (5e-324, "5e-324"),
         (-1.5, "-1.5"),
         (-3, "-3"),
-        (math.nan, "nan"),
+        (math.nan, "NaN"),
         (math.inf, "inf"),
         (-math.inf, "-inf"),
         (True, "true"),
         (None, ""),
         ("", '""'),
         ("plain", "plain"),
+        ("007", '"007"'),
+        ("1.5e-3", '"1.5e-3"'),
+        ("12.", '"12."'),
+        ("NaN", '"NaN"'),
+        ("Inf", '"Inf"'),
+        ("true", '"true"'),
+        ("NULL", '"NULL"'),
+        ("n/a", '"n/a"'),
+        (" blank", '" blank"'),
+        ("nano", "nano"),
+        ("1.2.3", "1.2.3"),
+        (b"\xd7\x6d\xf8", '"1234"'),
+        (b"\xf8\x00\x00", "+AAA"),
+        ("'=1+1", "''=1+1"),
+        ("'tis", "'tis"),
         ("a,b", '"a,b"'),
         ('say "hi"', '"say ""hi"""'),
         ("two\nlines", '"two\nlines"'),
@@ -95,7 +112,7 @@ def test_a_value_is_written_so(tmp_path: Path, value: Any, cell: str | None) -> 
 
 def test_a_field_of_various_kinds_shows_each_value_as_it_is(tmp_path: Path) -> None:
     values = [1, -2.5, "-x", None, True, [1, 2], b"\x00", math.nan, "text"]
-    shown = ["1", "-2.5", "'-x", "", "true", '"[1,2]"', "AA==", "nan", "text"]
+    shown = ["1", "-2.5", "'-x", "", "true", '"[1,2]"', "AA==", "NaN", "text"]
     rows = [{"x": value, "_ts": float(at)} for at, value in enumerate(values)]
     assert lines(exported(recording(tmp_path, rows)))[1:-1] == [f"{at}.0,{cell}" for at, cell in enumerate(shown)]
 
@@ -139,6 +156,45 @@ def test_a_stream_has_the_columns_that_were_asked_for(tmp_path: Path) -> None:
     assert out.getvalue() == b"_ts,b\n0.0,2\n"
 
 
+READERS = {
+    "pandas": lambda path: pd.read_csv(path)["x"].tolist(),
+    "polars": lambda path: pl.read_csv(path)["x"].to_list(),
+    "duckdb": lambda path: [one for (one,) in duckdb.sql(f"select x from '{path}'").fetchall()],
+    "pyarrow": lambda path: pv.read_csv(path)["x"].to_pylist(),
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_column_with_nan_and_infinities_is_numbers_for_every_reader(tmp_path: Path, reader: str) -> None:
+    values = [1.5, math.nan, math.inf, -math.inf, None, 2.0]
+    path = exported(recording(tmp_path, [{"x": value, "_ts": float(at)} for at, value in enumerate(values)]))
+    found = READERS[reader](path)
+    assert found[0::5] == [1.5, 2.0] and found[2:4] == [math.inf, -math.inf]
+    assert all(one is None or math.isnan(one) for one in (found[1], found[4]))  # pandas and pyarrow tell no difference
+    if reader in ("polars", "duckdb"):
+        assert math.isnan(found[1]) and found[4] is None
+
+
+def test_empty_text_and_no_text_stay_apart_for_readers_that_heed_quotes(tmp_path: Path) -> None:
+    values = ["two\nlines", "", None, "007", "NaN", 'say "hi"']
+    path = exported(recording(tmp_path, [{"x": value, "_ts": float(at)} for at, value in enumerate(values)]))
+    assert pl.read_csv(path)["x"].to_list() == values
+    heeding = pv.ConvertOptions(strings_can_be_null=True, quoted_strings_can_be_null=False)
+    with_breaks = pv.ParseOptions(newlines_in_values=True)
+    assert pv.read_csv(path, convert_options=heeding, parse_options=with_breaks)["x"].to_pylist() == values
+    assert [row["x"] for row in cells(path)] == [value or "" for value in values]
+
+
+def test_the_command_line_and_write_spell_them_alike(tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
+    rec = recording(tmp_path, [{"x": value, "_ts": float(at)} for at, value in enumerate([math.nan, "1", ""])])
+    with rec:
+        out = io.BytesIO()
+        rec["robot"].write(out, format="csv")
+        assert out.getvalue() == b'_ts,x\n0.0,NaN\n1.0,"1"\n2.0,""\n' == exported(rec).read_bytes()
+    assert main(["cat", str(rec.path), "robot", "--format", "csv"]) == 0
+    assert capfdbinary.readouterr().out == out.getvalue()
+
+
 def test_other_readers_give_the_numbers_back(tmp_path: Path) -> None:
     generator = np.random.default_rng(1)
     numbers = generator.normal(size=(500, 3)) * 10.0 ** generator.integers(-12, 12, size=(500, 3))
@@ -166,7 +222,8 @@ def shown(value: Any, cell: str) -> bool:
         return repr(float(cell)) == repr(value)
     if isinstance(value, bytes):
         return base64.b64decode(cell) == value
-    return bool(cell == (f"'{value}" if value.startswith(("=", "+", "-", "@", "\t", "\r")) else value))
+    is_like_a_formula = value.lstrip("'").startswith(("=", "+", "-", "@", "\t", "\r"))
+    return bool(cell == (f"'{value}" if is_like_a_formula else value))
 
 
 def longest(values: list[Any]) -> list[int]:
