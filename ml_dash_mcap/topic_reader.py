@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     import polars as pl
     import pyarrow as pa
 
+    from .rows.frames import TimeForm
+
 Row = dict[str, Any]
 
 
@@ -185,8 +187,13 @@ class TopicReader:
     ) -> dict[str, npt.NDArray[Any]]:
         """Return fields as arrays by dotted name: numbers [N], vectors [N, 7], matrices [N, 4, 4]; `_ts` is [N], in s.
 
-        Missing numbers are NaN. Text, bytes and lists of various lengths are object arrays, with None for what is
-        missing. The arguments are those of `rows`.
+        A missing fraction is NaN. Integers and booleans of which some are missing are masked arrays, so that the others
+        stay exact. Text, bytes, lists of various lengths and values of several kinds are object arrays, with None for
+        what is missing. The arguments are those of `rows`.
+
+        Example:
+            >>> rec["robot"].to_numpy(columns=["stamp_ns"])["stamp_ns"]
+            masked_array(data=[1700000000123456789, --], mask=[False, True], fill_value=999999)
         """
         from .rows.arrays import from_table
 
@@ -201,11 +208,30 @@ class TopicReader:
         *,
         start_index: int = 0,
         limit: int | None = None,
+        flatten: bool = False,
+        time: TimeForm = "seconds",
     ) -> pd.DataFrame:
-        """Return rows as a pandas data frame; pandas must be installed. The arguments are those of `rows`."""
+        """Return rows as a pandas data frame; pandas must be installed. The other arguments are those of `rows`.
+
+        Integers and booleans of which some are missing have pandas' nullable types `Int64`, `UInt64` and `boolean`; a
+        missing fraction is NaN. Values of several kinds are objects.
+
+        Args:
+            flatten: Make each element of a vector, a matrix or a list a column of its own, `q.0`, `q.1`, `m.0.0`, named
+                as in CSV files.
+            time: "seconds": the exact doubles, as the column `_ts`. "datetime": a DatetimeIndex in UTC with ns, named
+                `_ts`, in place of the column. "timedelta": a TimedeltaIndex, for clocks that start near 0.
+
+        Raises:
+            OptionError: There is no such `time`; also a ValueError.
+
+        Example:
+            >>> rec["robot"].to_pandas(flatten=True, time="datetime").resample("100ms").mean()
+        """
+        from .rows import frames
+
         table = self.to_arrow(start_timestamp, end_timestamp, columns, start_index=start_index, limit=limit)
-        frame: pd.DataFrame = table.to_pandas()
-        return frame
+        return frames.to_pandas(frames.shaped(table, flatten=flatten, time=time))
 
     def to_polars(
         self,
@@ -215,12 +241,23 @@ class TopicReader:
         *,
         start_index: int = 0,
         limit: int | None = None,
+        flatten: bool = False,
+        time: TimeForm = "seconds",
     ) -> pl.DataFrame:
-        """Return rows as a polars data frame; polars must be installed. The arguments are those of `rows`."""
-        import polars
+        """Return rows as a polars data frame; polars must be installed. The other arguments are those of `rows`.
+
+        Args:
+            flatten: As in `to_pandas`.
+            time: What the column `_ts` is: "seconds", the exact doubles; "datetime", instants in UTC; "timedelta",
+                spans; both in ns.
+
+        Raises:
+            OptionError: There is no such `time`; also a ValueError.
+        """
+        from .rows import frames
 
         table = self.to_arrow(start_timestamp, end_timestamp, columns, start_index=start_index, limit=limit)
-        return polars.DataFrame(table)
+        return frames.to_polars(frames.shaped(table, flatten=flatten, time=time))
 
     def batches(
         self,

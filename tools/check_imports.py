@@ -34,7 +34,14 @@ FLOORS: list[set[str]] = [
 HEAVY = {
     "pyarrow": {
         *("rows.table", "rows.lines", "rows.arrays", "rows.batches", "rows.align", "rows.same_bytes"),
-        *("rows.kinds", "export.nesting", "export.parquet_files", "export.parquet_layout"),
+        *(
+            "rows.kinds",
+            "rows.frames",
+            "rows.spread",
+            "export.nesting",
+            "export.parquet_files",
+            "export.parquet_layout",
+        ),
         *("export.csv_cells", "export.csv_layout"),
         *("export.samples", "ingest.cells"),
         *("read.columns", "read.exact", "ros.blocks", "export.parquet", "topic_reader", "alignment"),

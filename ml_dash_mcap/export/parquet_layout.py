@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import orjson
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from .. import clock
 from ..read.topics import TopicInfo
 from ..rows import kinds
 from ..rows.columns import FIELD_PREFIX, flatten, free_names
 from ..rows.encode import TIME_KEY
+from ..rows.frames import nanoseconds
 from ..rows.kinds import Kind
 from ..rows.table import ENCODING_KEY, Block, Column
 from . import nesting
@@ -86,7 +86,7 @@ class Layout:
             cast = {name: kinds.cast(_values(block, name), kind) for name, kind in kept.items()}
             flat = {name: take(cast[source]) for name, (source, _, take) in columns.items()}
             times = kinds.whole(block.columns[TIME_KEY].array)
-            stamps = _instants(times).cast(time_type)
+            stamps = nanoseconds(times).cast(time_type)
             return pa.Table.from_arrays([times, stamps, *nesting.arrays(list(schema)[2:], tree, flat)], schema=schema)
 
         return make
@@ -171,11 +171,3 @@ def _element(place: int, kind: Kind) -> Make:
         return array.flatten().take(pa.array(where, mask=~present))
 
     return take
-
-
-def _instants(times: pa.Array) -> pa.Array:
-    """Return time stamps in ns, as integers; null where 64 bits with a sign cannot hold them."""
-    seconds = times.to_numpy(zero_copy_only=False)
-    fits = (seconds >= 0) & (seconds < clock.END_S)
-    found = clock.to_nanoseconds_each(np.where(fits, seconds, 0.0)).astype(np.int64)
-    return pc.if_else(pa.array(fits), pa.array(found), pa.scalar(None, pa.int64()))

@@ -97,7 +97,7 @@ class Samples:
         if not column.is_text:
             found = arrays.from_table(to_table([_only(block, name)]))[name]
             if found.dtype.kind in "fiub" and found.shape[1:] == shape:
-                return found.reshape(block.count, size)
+                return arrays.doubles(found).reshape(block.count, size)
         flat = np.full((block.count, size), np.nan)
         for row, value in enumerate(values_of(column)):
             if value is not None:

@@ -30,6 +30,10 @@ _FIRST_BYTES, _MOST_BYTES = 128 * 1024, 1024 * 1024
 """Payloads of several chunks are parsed together, because each call of pyarrow has its price: about so many bytes at
 first, so that a window keeps all cores at work, then more and more, and so many at last."""
 
+_COLUMN_BYTES, _WIDEST = 2048, 16
+"""Each column has its price too, some 20 us a block: so many bytes for each of them are worth it, up to so many times
+`_MOST_BYTES`. Otherwise the price of rows with thousands of fields would grow with the square of their number."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
@@ -110,11 +114,16 @@ def _together(groups: Iterable[list[_Piece]]) -> Iterator[_Some]:
     for group in groups:
         waiting += group
         size += sum(map(_size, group))
-        if size >= enough:
+        if size >= enough and size >= min(_COLUMN_BYTES * _width(group), _WIDEST * _MOST_BYTES):
             yield _Some(waiting, size)
             waiting, size, enough = [], 0, min(2 * enough, _MOST_BYTES)
     if waiting:
         yield _Some(waiting, size)
+
+
+def _width(group: list[_Piece]) -> int:
+    """Return about how many fields a row has, nested ones included."""
+    return group[0].payloads[0].count(b'":') if group and group[0].payloads else 0
 
 
 def _size(piece: _Piece) -> int:

@@ -9,17 +9,37 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-_EXACT_INTEGERS = 2**53
+from .table import ENCODING_KEY, Column, values_of
 
 
 def from_table(table: pa.Table) -> dict[str, npt.NDArray[Any]]:
     """Return the columns of a table by name.
 
-    Numbers are `[N]`, vectors of one length `[N, 7]`, matrices `[N, 4, 4]`. A missing number is NaN, and so is each
-    element of a missing vector or matrix; integers become doubles then, or objects if a double would round one. All
-    else, such as text, bytes and lists of various lengths, is an object array `[N]` with None for what is missing.
+    Numbers are `[N]`, vectors of one length `[N, 7]`, matrices `[N, 4, 4]`. A missing fraction is NaN, and so is each
+    element of a missing vector or matrix of fractions. Integers and booleans have no such value: where one is missing
+    they are masked arrays. All else, such as text, bytes and lists of various lengths, is an object array `[N]` with
+    None for what is missing; so are columns of JSON text, with the values that it says.
     """
-    return {name: _array(whole(column)) for name, column in zip(table.column_names, table.columns, strict=True)}
+    return {
+        field.name: _said(column) if is_json(field) else _array(whole(column))
+        for field, column in zip(table.schema, table.columns, strict=True)
+    }
+
+
+def is_json(field: pa.Field) -> bool:
+    """Whether a column holds JSON text in place of its values, see `table.ENCODING_KEY`."""
+    return bool((field.metadata or {}).get(ENCODING_KEY) == b"json")
+
+
+def _said(column: pa.ChunkedArray) -> npt.NDArray[Any]:
+    return _of_objects(values_of(Column(column, is_text=True)))
+
+
+def doubles(array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """Return numbers as doubles, those that are masked as NaN."""
+    if not isinstance(array, np.ma.MaskedArray):
+        return array.astype(np.float64)
+    return np.where(np.ma.getmaskarray(array), np.nan, np.ma.getdata(array).astype(np.float64))
 
 
 def whole(column: pa.ChunkedArray) -> pa.Array:
@@ -35,8 +55,17 @@ def _array(array: pa.Array) -> npt.NDArray[Any]:
         flat = _numbers(leaf)
         if flat is not None:
             return _with_gaps(flat, array, shape)
-    found = np.empty(len(array), object)
-    for place, value in enumerate(array.to_pylist()):
+    return objects(array)
+
+
+def objects(array: pa.Array) -> npt.NDArray[Any]:
+    """Return values as Python has them, [N], None for what is missing."""
+    return _of_objects(array.to_pylist())
+
+
+def _of_objects(values: list[Any]) -> npt.NDArray[Any]:
+    found = np.empty(len(values), object)
+    for place, value in enumerate(values):
         found[place] = value
     return found
 
@@ -55,29 +84,41 @@ def shape_of(array: pa.Array) -> tuple[tuple[int, ...] | None, pa.Array]:
 
 
 def _numbers(leaf: pa.Array) -> npt.NDArray[Any] | None:
-    """Return numbers or booleans as they are, missing ones as NaN; None for all else."""
+    """Return numbers or booleans as they are, missing ones as NaN or masked; None for all else."""
     type_ = leaf.type
-    if pa.types.is_boolean(type_):
-        return None if leaf.null_count else np.asarray(leaf.to_numpy(zero_copy_only=False))
     if pa.types.is_null(type_):
         return np.full(len(leaf), np.nan)
-    if not (pa.types.is_integer(type_) or pa.types.is_floating(type_)):
+    if pa.types.is_floating(type_):
+        return np.array(leaf.to_numpy(zero_copy_only=False))
+    if not (pa.types.is_integer(type_) or pa.types.is_boolean(type_)):
         return None
-    if pa.types.is_integer(type_) and leaf.null_count and not _fits_doubles(leaf):
-        return None
-    return np.array(leaf.to_numpy(zero_copy_only=False))
+    if not leaf.null_count:
+        return np.array(leaf.to_numpy(zero_copy_only=False))
+    values = np.array(leaf.fill_null(_nothing(type_)).to_numpy(zero_copy_only=False))
+    return np.ma.MaskedArray(values, leaf.is_null().to_numpy(zero_copy_only=False))
 
 
-def _fits_doubles(leaf: pa.Array) -> bool:
-    range_ = pc.min_max(leaf).as_py()
-    return range_["min"] is None or -_EXACT_INTEGERS <= range_["min"] <= range_["max"] <= _EXACT_INTEGERS
+def _nothing(type_: pa.DataType) -> int:
+    """Return what lies under a mask: a number that shows, should somebody take the mask away."""
+    if pa.types.is_boolean(type_):
+        return False
+    limits = np.iinfo(type_.to_pandas_dtype())
+    return int(limits.min if limits.min else limits.max)
 
 
 def _with_gaps(flat: npt.NDArray[Any], array: pa.Array, shape: tuple[int, ...]) -> npt.NDArray[Any]:
-    """Put the elements into shape, NaN where a whole vector or matrix is missing."""
+    """Put the elements into shape; where a whole vector or matrix is missing, so is each of its elements."""
     if not shape or not array.null_count:
         return flat.reshape(len(array), *shape)
     present = array.is_valid().to_numpy(zero_copy_only=False)
-    found = np.full((len(array), *shape), np.nan)
-    found[present] = flat.reshape(-1, *shape)
-    return found
+    part = (int(np.count_nonzero(present)), *shape)
+    if flat.dtype.kind == "f":
+        found = np.full((len(array), *shape), np.nan, flat.dtype)
+        found[present] = flat.reshape(part)
+        return found
+    nothing = _nothing(pa.from_numpy_dtype(flat.dtype))
+    values = np.full((len(array), *shape), nothing, flat.dtype)
+    mask = np.ones(values.shape, np.bool_)
+    values[present] = np.ma.getdata(flat).reshape(part)
+    mask[present] = np.ma.getmaskarray(flat).reshape(part)
+    return np.ma.MaskedArray(values, mask)

@@ -7,6 +7,7 @@ time as one, integers beyond 64 bits as doubles, and a missing key like a null. 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -27,6 +28,9 @@ _MOST_BYTES = 2**31 - 2
 _SIDE_KEY = pa.field(EXACT_KEY, pa.struct([]))
 """Tells the rows that have it from those that do not, without reading what is in it."""
 
+
+_MANY_KEYS = 16
+_TEXT = re.compile(rb'"(?:[^"\\]|\\.)*"')
 
 _MOST_DEPTH = 100
 _SURELY_SHALLOW_BYTES = 1000
@@ -83,8 +87,8 @@ class LineReader:
         Returns:
             None if something else is there, or a key stands in the text and never has a value.
         """
-        known = [(name, type_) for name, type_ in self._known.items() if name != EXACT_KEY]
-        fields = [pa.field(name, type_) for name, type_ in known if orjson.dumps(name) in lines]
+        known = [name for name in self._known if name != EXACT_KEY]
+        fields = [pa.field(name, self._known[name]) for name in _present(known, lines)]
         if not fields or any(_has(field.type, pa.types.is_null) for field in fields):
             return None
         table = _read(lines, pa.schema(fields), "error")
@@ -95,19 +99,18 @@ class LineReader:
     def _projected(self, wanted: Sequence[str], lines: bytes) -> pa.Table | None:
         """Read the wanted keys only, if their types are known and can be relied upon."""
         fields = [_SIDE_KEY]
-        for name in wanted:
-            if orjson.dumps(name) in lines:
-                type_ = self._known.get(name)
-                if type_ is None or _has(type_, _is_unsure):
-                    return None
-                fields.append(pa.field(name, type_))
+        for name in _present(wanted, lines):
+            type_ = self._known.get(name)
+            if type_ is None or _has(type_, _is_unsure):
+                return None
+            fields.append(pa.field(name, type_))
         return _read(lines, pa.schema(fields), "ignore")
 
     def _inferred(self, lines: bytes) -> pa.Table | None:
         table = _read(lines, pa.schema(list(self._texts.items())), "infer")
         if table is None:
             return None
-        names = table.column_names
+        names = dict.fromkeys(table.column_names)
         misread = [field for field in table.schema if _has(field.type, pa.types.is_timestamp)]
         if misread:
             self._texts = {**self._texts, **{field.name: _only_texts(field.type) for field in misread}}
@@ -117,6 +120,26 @@ class LineReader:
         order = list(dict.fromkeys([*(name for name in self._known if name in names), *names]))
         self._known = {**self._known, **{name: table.schema.field(name).type for name in order}}
         return table.select(order)
+
+
+def _present(names: Sequence[str], lines: bytes) -> list[str]:
+    """Return those of some keys that stand somewhere in the lines, perhaps in a text.
+
+    To search the lines for each of them would take a time that is quadratic in their number.
+    """
+    first = lines[: lines.find(b"\n") + 1] or lines
+    try:
+        row = orjson.loads(first)
+    except orjson.JSONDecodeError:  # what only pyarrow takes for JSON
+        row = None
+    there = set(row) if isinstance(row, dict) else set()
+    others = {name: orjson.dumps(name) for name in names if name not in there}
+    if len(others) > _MANY_KEYS:
+        texts = set(_TEXT.findall(lines))
+        there.update(name for name, key in others.items() if key in texts)
+    else:
+        there.update(name for name, key in others.items() if key in lines)
+    return [name for name in names if name in there]
 
 
 def _is_utf8(lines: bytes) -> bool:

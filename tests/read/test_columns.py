@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -186,10 +187,10 @@ def test_numpy_gives_each_field_its_shape(robot: Path) -> None:
         "pose": ((5000, 4, 4), "f"),
         "cam.pos": ((5000,), "i"),
         "cam.name": ((5000,), "O"),
-        "late": ((5000,), "f"),
+        "late": ((5000,), "i"),  # masked, see tests/rows/test_frames.py
     }
     assert np.array_equal(arrays["pose"][7], np.eye(4) * 7)
-    assert math.isnan(arrays["late"][3999]) and arrays["late"][4000] == 4000
+    assert arrays["late"][3999] is np.ma.masked and arrays["late"][4000] == 4000
 
 
 @pytest.mark.parametrize(("start", "limit"), [(0, 3), (1500, 10), (4990, None), (4990, 100), (6000, 5), (0, 0)])
@@ -232,3 +233,32 @@ def test_an_unknown_column_names_those_that_are_like_it(robot: Path) -> None:
             recording["robot"].to_arrow(columns=["cam.nam"])
         assert recording["robot"].read(columns=["cam.nam"])["entries"][0] == {"timestamp": 0.0}
         assert recording["robot"].to_arrow(columns=["pose", "late"]).column_names == ["_ts", "pose", "late"]
+
+
+def test_the_time_to_read_grows_with_the_number_of_fields_and_not_with_its_square(tmp_path: Path) -> None:
+    def best_of_three(fields: int) -> float:
+        with Recorder(tmp_path / str(fields)) as recorder:
+            for step in range(300):
+                recorder.topic("wide").append(_ts=step / 100, **{f"f{at}": at + step / 2 for at in range(fields)})
+        with Recording(tmp_path / str(fields)) as recording:
+            times = []
+            for _ in range(3):
+                start = time.perf_counter()
+                table = recording["wide"].to_arrow()
+                times.append(time.perf_counter() - start)
+        assert table.num_columns == fields + 1 and table.column(fields).to_pylist()[:2] == [fields - 1, fields - 0.5]
+        return min(times)
+
+    assert best_of_three(6000) / best_of_three(1500) < 9  # it was 20 to 30; linear is 4
+
+
+def test_fields_that_few_rows_have_are_found(tmp_path: Path) -> None:
+    rows = [{f"f{at}": at, f"f{(at * 7) % 100}": -at, "_ts": float(at)} for at in range(100)]
+    with Recorder(tmp_path / "run") as recorder:
+        for part in range(0, 100, 20):
+            recorder.topic("sparse").append_batch(rows[part : part + 20]).flush()
+    with Recording(tmp_path / "run") as recording:
+        for columns in (None, [f"f{at}" for at in range(0, 100, 2)]):
+            found = recording["sparse"].to_arrow(columns=columns).to_pylist()
+            kept = [{k: v for k, v in row.items() if columns is None or k in (*columns, "_ts")} for row in rows]
+            assert [{k: v for k, v in row.items() if v is not None} for row in found] == kept

@@ -1,0 +1,91 @@
+"""Lists of numbers as a column an element: which columns, what they are called, and what is in them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from . import kinds
+from .columns import free_names
+from .table import ENCODING_KEY, Column
+
+MOST_COLUMNS = 1000
+"""A list that would take more columns stays one."""
+
+Lengths = tuple[int, ...]
+"""The greatest lengths of a field's lists, the outermost first; () for a field that takes one column."""
+
+ONE_COLUMN: Lengths = ()
+
+
+def lengths_of(column: Column) -> Lengths | None:
+    """Return how long the lists of some values are; None if there are no values, or only lists without elements."""
+    array, lengths = kinds.whole(column.array), []
+    while pa.types.is_list(array.type) or pa.types.is_fixed_size_list(array.type):
+        lengths.append(pc.max(pc.list_value_length(array)).as_py() or 0)
+        array = array.flatten()
+    if not all(lengths) or (pa.types.is_null(array.type) and not lengths):
+        return None
+    return ONE_COLUMN if column.is_text or pa.types.is_struct(array.type) else limited(tuple(lengths))
+
+
+def limited(lengths: Lengths) -> Lengths:
+    """Return lengths, or those of one column where they would take too many."""
+    return lengths if 0 < math.prod(lengths) <= MOST_COLUMNS else ONE_COLUMN
+
+
+def longest(first: Lengths | None, second: Lengths | None) -> Lengths | None:
+    """Return the lengths that have room for the values of both."""
+    if first is None or second is None:
+        return first if second is None else second
+    if len(first) != len(second):
+        return ONE_COLUMN
+    return limited(tuple(map(max, first, second)))
+
+
+def names(field: str, lengths: Lengths) -> Iterator[str]:
+    """Yield the names of a field's columns: `q.0`, `q.1`, or `m.0.0`, `m.0.1`."""
+    return (".".join((field, *map(str, index))) for index in itertools.product(*map(range, lengths)))
+
+
+def elements(array: pa.Array, place: int) -> pa.Array:
+    """Return the element at a place of each list; null where the list is shorter, or missing."""
+    said = pc.list_value_length(array)
+    lengths = (pc.fill_null(said, 0) if said.null_count else said).to_numpy()
+    starts = np.cumsum(lengths) - lengths
+    return array.flatten().take(pa.array(starts + place, mask=lengths <= place))
+
+
+def columns(column: Column, lengths: Lengths) -> Iterator[pa.Array]:
+    """Yield the columns that lists of such lengths become."""
+    array = kinds.whole(column.array)
+    if not lengths:
+        yield array
+        return
+    for place in range(lengths[0]):
+        inner = pa.nulls(len(array)) if pa.types.is_null(array.type) else elements(array, place)
+        yield from columns(Column(inner), lengths[1:])
+
+
+def of_table(table: pa.Table) -> pa.Table:
+    """Return a table whose lists are a column an element, so that nothing in it is nested but what has to be.
+
+    Lists of various lengths have columns for the longest one, null where one is shorter.
+    """
+    names_of: list[str] = []
+    fields: list[pa.Field] = []
+    arrays: list[pa.Array] = []
+    for field, array in zip(table.schema, table.columns, strict=True):
+        column = Column(kinds.whole(array), is_text=ENCODING_KEY in (field.metadata or {}))
+        lengths = lengths_of(column) or ONE_COLUMN
+        names_of += names(field.name, lengths)
+        parts = list(columns(column, lengths))
+        fields += [field if not lengths else pa.field("", part.type) for part in parts]
+        arrays += parts
+    named = [field.with_name(name) for field, name in zip(fields, free_names(names_of), strict=True)]
+    return pa.table(arrays, schema=pa.schema(named, metadata=table.schema.metadata))
