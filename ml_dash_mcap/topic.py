@@ -128,6 +128,8 @@ class Topic:
             _ts: Time stamps, [N], s.
             **columns: One value a row each: arrays [N, ...] or sequences of length N. A row that is masked in a masked
                 array lacks that field; a dict of arrays is a dict in each row. All columns beside such must be numbers.
+                Columns of pandas, polars and pyarrow are taken by position; what is missing in them is None (`NaN` too
+                where a pandas column holds no numbers of numpy's).
 
         Returns:
             The topic itself.
@@ -138,6 +140,7 @@ class Topic:
 
         Example:
             >>> recorder.topic("robot").append_columns(_ts=times, q=q, gripper=width)  # [N], [N, 7], [N]
+            >>> recorder.topic("table").append_columns(_ts=frame["time"], **frame.drop(columns="time"))  # of pandas
         """
         from .write import columns as bulk
 

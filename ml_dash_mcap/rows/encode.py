@@ -26,6 +26,7 @@ from typing import Any
 import orjson
 
 from ..errors import FieldError, IntegerRangeError
+from . import frame_columns
 
 TIME_KEY = "_ts"
 """The row's time stamp in its payload, in seconds; always the last key."""
@@ -64,18 +65,34 @@ def plain(value: Any) -> Any:
         return os.fspath(value)
     if isinstance(value, Mapping):
         return dict(value)
+    if frame_columns.library_of(value) == "polars":
+        return _listed(value)
     if hasattr(value, "__array__"):
         import numpy as np
 
         return _checked_list(value, np.asarray(value).tolist())
+    if frame_columns.is_missing(value):
+        return None
     raise TypeError(f"Type is not JSON serializable: {type(value).__name__}")
 
 
 def _listed(value: Any) -> Any:
     """Return an array, or whatever else has `tolist`, as Python's own values."""
+    if getattr(getattr(value, "dtype", None), "kind", "O") in "fiub":
+        return _checked_list(value, value.tolist())
+    if frame_columns.library_of(value) is not None:
+        plain_value = frame_columns.plain(value)
+        return plain_value if isinstance(plain_value, list) else _checked_list(value, plain_value.tolist())
     if getattr(getattr(value, "dtype", None), "kind", None) in ("M", "m"):
-        return value.astype(str).tolist()
+        return _with_none(value.astype(str).tolist())
     return _checked_list(value, value.tolist())
+
+
+def _with_none(texts: Any) -> Any:
+    """Return numpy's times and spans as text, with None for what is none."""
+    if isinstance(texts, list):
+        return list(map(_with_none, texts))
+    return None if texts == "NaT" else texts
 
 
 def _is_big_float_array(value: Any) -> bool:
@@ -183,6 +200,8 @@ def _convert_container(value: Any, pointer: str, notes: Any, where: tuple[str, s
 
 def _simpler(value: Any, where: tuple[str, str]) -> Any:
     """Return what an object stands for, as values that `_convert` knows."""
+    if frame_columns.library_of(value) == "pandas" and not hasattr(value, "tolist"):
+        return _of_pandas(value)
     if is_dataclass(value) and not isinstance(value, type):
         names = [field.name for field in dataclass_fields(value) if not field.name.startswith("_")]
         return {name: getattr(value, name) for name in names}
@@ -197,6 +216,15 @@ def _simpler(value: Any, where: tuple[str, str]) -> Any:
             f"append() on topic {where[0]!r}: field {where[1]!r} holds a {type(value).__module__}."
             f"{type(value).__qualname__}, which cannot be stored; pass numbers, text, bytes, lists, dicts or arrays"
         ) from error
+
+
+def _of_pandas(value: Any) -> Any:
+    """Return what a single value of pandas stands for: times and spans are text as ISO 8601 has them."""
+    if frame_columns.is_missing(value):
+        return None
+    if hasattr(value, "columns"):
+        return frame_columns.plain(value)
+    return value.isoformat() if hasattr(value, "isoformat") else str(value)
 
 
 def plain_list(value: Any) -> Any:

@@ -13,6 +13,7 @@ import orjson
 
 from .. import clock
 from ..errors import FieldError, TimestampError
+from ..rows import frame_columns
 from ..rows.encode import TIME_KEY, exact
 from . import gappy_columns, records
 
@@ -51,9 +52,10 @@ def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes) ->
         TimestampError: `times_s` is missing or has a time stamp that is not finite, negative or too large.
         FieldError: A column has another length, or a value cannot be stored.
     """
-    times = _times(times_s, topic)
+    times = _times(frame_columns.plain(times_s), topic)
     for name in columns:
         _check_name(name, topic)
+    columns = {name: frame_columns.plain(column) for name, column in columns.items()}
     if any(gappy_columns.is_gappy(column) for column in columns.values()):
         for name, column in columns.items():
             gappy_columns.check(name, column, len(times), topic)
