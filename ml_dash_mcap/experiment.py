@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NoReturn
 
 from . import paths
 from .errors import StateError, UsageError
-from .options import RecorderOptions
+from .options import RecorderOptions, arguments_of, misplaced
 from .run.episodes import OpenEpisode
 from .run.files import Files
 from .run.lifecycle import Run, choose_options, describe
@@ -78,7 +77,7 @@ class Experiment:
             UsageError: An argument is unknown, or two contradict each other.
         """
         if unknown:
-            raise _unknown_argument(next(iter(unknown)))
+            raise _unknown_argument(unknown)
         self.prefix = prefix
         self.path: Path = paths.run_folder(_one_root(root, dash_root, local_path), prefix)
         self._timestamps: Timestamps = timestamps
@@ -228,10 +227,8 @@ def _one_root(
     return Path(given[0] if given else root).expanduser().absolute()
 
 
-def _unknown_argument(name: str) -> UsageError:
-    if name in ("dash_url", "remote"):
-        return UsageError(f"Experiment() takes no {name}=: experiments are recorded to local files, in root=")
-    known = [each for each in Experiment.__init__.__annotations__ if each not in ("unknown", "return")]
-    near = get_close_matches(name, known, n=1)
-    hint = f"did you mean {near[0]}=?" if near else f"it takes {', '.join(known)}"
-    return UsageError(f"Experiment() got an unknown argument {name}=; {hint}")
+def _unknown_argument(unknown: Mapping[str, object]) -> UsageError:
+    for name in unknown:
+        if name in ("dash_url", "remote"):
+            return UsageError(f"Experiment() takes no {name}=: experiments are recorded to local files, in root=")
+    return misplaced("Experiment", unknown, arguments_of(Experiment))

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TypeVar
 
 from .errors import NotFoundError
+from .suggestions import hint
 
 Value = TypeVar("Value")
-
-_LISTED = 10
 
 
 class Lookup(Mapping[str, Value]):
@@ -59,12 +57,4 @@ class Lookup(Mapping[str, Value]):
 
 def not_found(what: str, name: object, names: Iterable[str]) -> NotFoundError:
     """Return the error for a name that is not there, with the names that look most like it."""
-    known = list(names)
-    near = difflib.get_close_matches(str(name), known, n=3, cutoff=0.5)
-    if near:
-        hint = f"did you mean {' or '.join(map(repr, near))}?"
-    elif known:
-        hint = f"there are {', '.join(map(repr, known[:_LISTED]))}" + (", ..." if len(known) > _LISTED else "")
-    else:
-        hint = "there are none"
-    return NotFoundError(f"no {what} {name!r} in the recording; {hint}")
+    return NotFoundError(f"no {what} {name!r} in the recording; {hint(name, names)}")

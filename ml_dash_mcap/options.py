@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, Literal
 
-from .errors import OptionError
+from .errors import OptionError, UsageError
+from .suggestions import checks_names, hint, similar
 
 Compression = Literal["zstd", "lz4", "none"]
 OnFull = Literal["block", "drop", "raise"]
@@ -16,12 +18,14 @@ KIB = 1024
 MIB = 1024 * KIB
 
 
+@checks_names(UsageError)
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecorderOptions:
     """How a recorder buffers, compresses and splits what it is given.
 
     Raises:
         OptionError: A value is out of its range; the message names it.
+        UsageError: There is no such option; the message names the one that was probably meant.
     """
 
     flush_interval_s: float = 1.0
@@ -101,7 +105,8 @@ class RecorderOptions:
         Args:
             environment: Where to look the variables up; the process's own by default.
             buffer_config: A mapping or an object with any of ml-dash's `flush_interval` (s), `track_batch_size`
-                (rows) and `buffer_enabled`, or of this class's own names.
+                (rows) and `buffer_enabled`, or of this class's own names. What ml-dash says there of its server and
+                of its other queues means nothing here.
             **given: Options by name; they win.
 
         Raises:
@@ -110,15 +115,51 @@ class RecorderOptions:
         values = _from_variables(os.environ if environment is None else environment)
         values.update(_from_buffer_config(buffer_config))
         values.update(given)
-        known = {field.name for field in fields(cls)}
+        known = sorted(field.name for field in fields(cls))
         for name in values:
             if name not in known:
-                raise OptionError(f"unknown recorder option {name!r}; the options are {', '.join(sorted(known))}")
+                what = hint(name, known, listing="the options are {}")
+                raise OptionError(f"unknown recorder option {name!r}; {what}")
         return cls(**values)
 
     def with_(self, **changes: Any) -> RecorderOptions:
         """Return these options with some of them changed."""
         return replace(self, **changes)
+
+
+def misplaced(caller: str, unknown: Mapping[str, object], known: Iterable[str]) -> UsageError:
+    """Return the error for arguments that a call does not take, some of which may be recorder options.
+
+    Args:
+        caller: Whose arguments they are, such as "Recorder".
+        unknown: The arguments.
+        known: The names that it takes.
+    """
+    name, value = next(iter(unknown.items()))
+    options = [field.name for field in fields(RecorderOptions)]
+    known = list(known)
+    nearest = similar(name, [*known, *options])
+    if nearest and nearest[0] in options:
+        return UsageError(
+            f"{caller}() takes no {name}=; it is one of the recorder's options: pass"
+            f" options=RecorderOptions({nearest[0]}={value!r})"
+        )
+    what = hint(name, known, spelling="{}=", listing="it takes {}")
+    return UsageError(f"{caller}() got an unknown argument {name}=; {what}")
+
+
+def arguments_of(cls: type) -> list[str]:
+    """Return the names of the arguments that a class takes, without `self` and those that stand for unknown ones."""
+    parameters = list(inspect.signature(cls.__init__).parameters.values())[1:]  # type: ignore[misc]
+    return [one.name for one in parameters if one.kind is not one.VAR_KEYWORD]
+
+
+def check_options(options: object) -> None:
+    """Raise UsageError if options are neither RecorderOptions nor None."""
+    if options is None or isinstance(options, RecorderOptions):
+        return
+    instead = "RecorderOptions(**options)" if isinstance(options, Mapping) else "RecorderOptions(...)"
+    raise UsageError(f"options={options!r} is of type {type(options).__name__}; pass {instead}")
 
 
 _VARIABLES = {
@@ -128,7 +169,11 @@ _VARIABLES = {
 }
 _SWITCH = {"true": True, "1": True, "yes": True, "on": True, "false": False, "0": False, "no": False, "off": False}
 _ML_DASH_NAMES = {"flush_interval": "flush_interval_s", "track_batch_size": "batch_rows", "buffer_enabled": "buffered"}
-_ML_DASH_ELSEWHERE = ("log_batch_size", "metric_batch_size", "file_upload_workers")
+_ML_DASH_ELSEWHERE = (
+    *("log_batch_size", "metric_batch_size", "file_upload_workers"),
+    *("max_retries", "retry_base_delay", "retry_max_delay"),
+)
+"""What ml-dash 0.6.27 to 0.11 say beside these: of queues that are not here, and of their server."""
 
 
 def _check(holds: bool, name: str, value: object, wanted: str) -> None:
@@ -161,8 +206,23 @@ def _parse(variable: str, option: str, text: str) -> float | int | bool:
 def _from_buffer_config(config: Any) -> dict[str, Any]:
     if config is None:
         return {}
+    entries = {name: value for name, value in _entries(config).items() if name not in _ML_DASH_ELSEWHERE}
+    if type(config).__module__.partition(".")[0] == "ml_dash":  # a later version's, which may say more of its queues
+        entries = {name: value for name, value in entries.items() if name in _ML_DASH_NAMES}
+    return {_ML_DASH_NAMES.get(name, name): value for name, value in entries.items()}
+
+
+def _entries(config: Any) -> dict[str, Any]:
+    """Return what a mapping or an object holds by name."""
+    if isinstance(config, Mapping):
+        return dict(config)
+    if is_dataclass(config) and not isinstance(config, type):  # perhaps one with slots
+        return {field.name: getattr(config, field.name) for field in fields(config)}
+    if hasattr(config, "_asdict"):  # a named tuple
+        return dict(config._asdict())
     try:
-        entries = dict(config) if isinstance(config, Mapping) else dict(vars(config))
+        return {name: value for name, value in vars(config).items() if not name.startswith("_") and not callable(value)}
     except TypeError as error:
-        raise OptionError(f"buffer_config={config!r}: pass a dict or an object with attributes") from error
-    return {_ML_DASH_NAMES.get(name, name): value for name, value in entries.items() if name not in _ML_DASH_ELSEWHERE}
+        raise OptionError(
+            f"buffer_config={config!r}: pass a dict such as {{'flush_interval': 0.5}}, or an object with attributes"
+        ) from error

@@ -14,13 +14,13 @@ import weakref
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NoReturn, TypeVar
 
 from . import clock
 from .annotations import NOTHING_SAID, collect
 from .errors import FieldError, PrefixError, StorageError, TopicError, UsageError
 from .layout import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
-from .options import RecorderOptions
+from .options import RecorderOptions, arguments_of, check_options, misplaced
 from .recovery import recover
 from .rows.encode import dumps, plain, plain_list
 from .timestamps import stamper
@@ -52,6 +52,7 @@ class Recorder:
         prefix: str | None = None,
         metadata: Mapping[str, str] | None = None,
         timestamps: Literal["strict", "auto"] = "strict",
+        **unknown: NoReturn,
     ) -> None:
         """Open a recording's folder, making it if need be, and fold in what a crashed recorder left there.
 
@@ -64,11 +65,15 @@ class Recorder:
 
         Raises:
             StorageError: The folder cannot be made or written, or there is no room for the backlog.
+            UsageError: An argument is unknown; the message says where it belongs.
 
         Example:
             >>> with Recorder("runs/today") as recorder:
             ...     recorder.topic("robot").append(q=[0.1, 0.2], _ts=0.0)
         """
+        if unknown:
+            raise misplaced("Recorder", unknown, arguments_of(Recorder))
+        check_options(options)
         self.path = _make_folder(path)
         self.options = options if options is not None else RecorderOptions.from_environment()
         self.session = uuid.uuid4().hex[:16]

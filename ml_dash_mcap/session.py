@@ -10,8 +10,8 @@ from types import TracebackType
 from typing import Any, NoReturn
 
 from . import paths
-from .errors import OptionError, StateError, UsageError
-from .options import RecorderOptions
+from .errors import OptionError, StateError
+from .options import RecorderOptions, arguments_of, misplaced
 from .run.episodes import OpenEpisode
 from .run.lifecycle import Run, choose_options, describe
 from .run.live import Live
@@ -72,10 +72,7 @@ class Session:
             UsageError: An argument is unknown, or two contradict each other.
         """
         if unknown:
-            raise UsageError(
-                f"Session() got an unknown argument {next(iter(unknown))}=; it takes name, workspace, description,"
-                " tags, metadata, local_path, buffer_config and options"
-            )
+            raise misplaced("Session", unknown, arguments_of(Session))
         if remote is not None:
             raise OptionError(
                 f"remote={remote!r}: sessions are recorded to local files; leave remote= out, and set local_path= to"

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from . import clock
 from .errors import OptionError, TimestampError
+from .time_hints import seconds_hint, unit_hint
 
 MISSING: Any = type("Missing", (), {"__repr__": lambda self: "<missing>", "__slots__": ()})()
 """Stands for a `_ts` that was not given."""
@@ -105,6 +106,7 @@ class Automatic:
         if seconds is None:
             raise TimestampError(
                 f"_ts must be a number (seconds since epoch), got {type(given).__name__} {given!r} on topic {topic!r}"
+                f"{_hint(given)}"
             )
         if seconds == INHERIT:
             if last_s is None:
@@ -143,11 +145,20 @@ def _in_range(seconds: float, topic: str) -> float:
         raise TimestampError(f"append() on topic {topic!r}: _ts={seconds!r} is negative; MCAP times start at 0")
     if seconds >= clock.END_S:
         raise TimestampError(
-            f"append() on topic {topic!r}: _ts={seconds!r} is beyond the year 2262, where nanoseconds end; is it in"
-            " nanoseconds? pass seconds"
+            f"append() on topic {topic!r}: _ts={seconds!r} is beyond the year 2262, where nanoseconds end"
+            f"{unit_hint(seconds)}"
         )
     return seconds + 0.0  # -0.0 becomes 0.0
 
 
 def _not_numeric(given: Any, topic: str) -> TimestampError:
-    return TimestampError(f"Timestamp '_ts' must be numeric, got: {type(given)} ({given!r} on topic {topic!r})")
+    return TimestampError(
+        f"Timestamp '_ts' must be numeric, got: {type(given)} ({given!r} on topic {topic!r}){_hint(given)}"
+    )
+
+
+def _hint(given: Any) -> str:
+    """Return what to pass instead of a time that is no number."""
+    if getattr(given, "ndim", 0) or isinstance(given, (list, tuple)):
+        return "; append takes one row, append_columns many"
+    return seconds_hint(given) or "; pass a number of seconds, such as time.time()"

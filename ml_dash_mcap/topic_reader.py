@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 import numpy.typing as npt
 
 from .errors import FormatError, NotFoundError, RangeError
-from .export import FORMATS, Selection, stream
+from .export import EXPORTERS, FORMATS, Selection, stream
 from .lookup import not_found
 from .read import places
 from .read.file import File
@@ -52,7 +52,8 @@ def read(
     """Return a topic's rows in a format, see `TopicReader.read`; without any rows if there is no such topic."""
     render = FORMATS.get(format)
     if render is None:
-        raise FormatError(f"Unsupported format: {format}. The formats are {', '.join(sorted(FORMATS))}")
+        elsewhere = f"; Recording.export(dest, format={format!r}) writes it" if format in EXPORTERS else ""
+        raise FormatError(f"Unsupported format: {format}{elsewhere}; read() takes {', '.join(sorted(FORMATS))}")
     low, high = check_range(start_timestamp, end_timestamp)
     return render(Selection(files, topic, low, high, check_columns(columns)))
 

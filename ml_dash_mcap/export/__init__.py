@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from ..errors import FormatError, UsageError
 from ..read.topics import TopicInfo
+from ..suggestions import did_you_mean
 from . import json_rows, jsonl, mcap, mocap, parquet
 from .job import Job
 from .selection import Selection
@@ -52,14 +53,20 @@ def export(job: Job, format: str, options: Mapping[str, Any]) -> Path:
     """
     module = EXPORTERS.get(format)
     if module is None:
-        raise FormatError(f"export() knows no format {format!r}; the formats are {', '.join(sorted(EXPORTERS))}")
+        raise FormatError(f"export() knows no format {format!r}; {format_hint(format, EXPORTERS)}")
     write = import_module(f".{module}", __name__).export
     known = [name for name, one in inspect.signature(write).parameters.items() if one.kind is one.KEYWORD_ONLY]
     for name in options:
         if name not in known:
-            raise UsageError(f"export(format={format!r}) has no option {name!r}; it has {', '.join(known) or 'none'}")
+            what = f"it has {', '.join(known) or 'none'}. {did_you_mean(name, known, spelling='{}=')}".rstrip(" .")
+            raise UsageError(f"export(format={format!r}) has no option {name!r}; {what}")
     result: Path = write(job, **options)
     return result
+
+
+def format_hint(name: object, known: Iterable[str]) -> str:
+    """Return what to say of a format that is not known: the one that was meant, and all there are."""
+    return f"{did_you_mean(name, known)} the formats are {', '.join(sorted(known))}".strip()
 
 
 def stream(selection: Selection, info: TopicInfo, out: BinaryIO, format: str) -> None:
@@ -70,8 +77,8 @@ def stream(selection: Selection, info: TopicInfo, out: BinaryIO, format: str) ->
     """
     module = STREAMS.get(format)
     if module is None:
-        raise FormatError(f"write() knows no format {format!r}; the formats are {', '.join(sorted(STREAMS))}")
+        raise FormatError(f"write() knows no format {format!r}; {format_hint(format, STREAMS)}")
     import_module(f".{module}", __name__).stream(selection, info, out)
 
 
-__all__ = ["EXPORTERS", "FORMATS", "STREAMS", "Job", "Selection", "export", "stream"]
+__all__ = ["EXPORTERS", "FORMATS", "STREAMS", "Job", "Selection", "export", "format_hint", "stream"]

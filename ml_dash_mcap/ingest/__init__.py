@@ -13,6 +13,7 @@ from typing import Any
 
 from ..errors import FormatError, MissingRecordingError, UsageError
 from ..recorder import Recorder
+from ..suggestions import did_you_mean
 
 Progress = Callable[[int, int], object]
 """Called now and then with the rows done and the rows in all."""
@@ -76,7 +77,11 @@ def record(
     taken = [one for one, how in inspect.signature(read).parameters.items() if how.kind is how.KEYWORD_ONLY]
     for option in options:
         if option not in taken:
-            raise UsageError(f"reading {name!r} has no option {option!r}; it has {', '.join(taken) or 'none'}")
+            offered = [one for one in taken if one != "progress"]
+            what = f"it has {', '.join(offered) or 'none'}. {did_you_mean(option, offered, spelling='{}=')}".rstrip(
+                " ."
+            )
+            raise UsageError(f"{place}: reading {name!r} has no option {option!r}; {what}")
     read(place, recorder, progress=progress, **options)
 
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..errors import UsageError
 from ..layout import LARGE_BYTES, LARGE_RATIO
+from ..suggestions import checks_names
 
 MIB = 1024 * 1024
 
 
+@checks_names(UsageError)
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
     """Bounds that are checked before memory is taken; what lies beyond them is refused as damaged.

@@ -16,6 +16,7 @@ from ..layout import KIND_KEY, TRACK
 from ..rows import depth
 from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..rows.merge import merge
+from ..time_hints import seconds_hint
 from . import messages
 from .decode import Decoder, Row, decode_json, decoder
 from .file import File
@@ -54,9 +55,11 @@ def _bound(name: str, value: Any, default: float) -> float:
     if value is None:
         return default
     try:
+        if getattr(getattr(value, "dtype", None), "kind", "f") not in "fiuO":
+            raise TypeError  # NumPy makes a number of a datetime64, in a unit of its own
         bound = float(value)
     except (TypeError, ValueError) as error:
-        raise RangeError(f"{name}={value!r} is not a number of seconds") from error
+        raise RangeError(f"{name}={value!r} is not a number of seconds{seconds_hint(value, name)}") from error
     if math.isnan(bound):
         raise RangeError(f"{name} is NaN; leave it out for an open range")
     return bound

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 from ..errors import FieldError, StateError, UsageError
-from ..options import RecorderOptions
+from ..options import RecorderOptions, check_options
 from ..rows import encode
 from .live import Live, Status
 from .tracks import TrackT
@@ -151,6 +151,5 @@ def choose_options(options: RecorderOptions | None, buffer_config: Any) -> Recor
         return RecorderOptions.from_environment(buffer_config=buffer_config)
     if buffer_config is not None:
         raise UsageError("options= and buffer_config= both say how to buffer; pass one")
-    if not isinstance(options, RecorderOptions):
-        raise UsageError(f"options={options!r} is of type {type(options).__name__}; pass RecorderOptions(...)")
+    check_options(options)
     return options

@@ -15,6 +15,8 @@ from .. import clock
 from ..errors import FieldError, TimestampError
 from ..rows import frame_columns
 from ..rows.encode import TIME_KEY, exact
+from ..time_hints import seconds_hint, unit_hint
+from ..timestamps import MISSING
 from . import gappy_columns, records
 
 _SLICE = 512
@@ -78,6 +80,8 @@ def _check_name(name: str, topic: str) -> None:
 
 
 def _times(times_s: Any, topic: str) -> npt.NDArray[np.float64]:
+    if times_s is MISSING:
+        raise TimestampError(f"append_columns() on topic {topic!r} needs _ts=, the rows' times, [N], in seconds")
     try:
         given = np.asarray(times_s)
     except ValueError as error:  # ragged
@@ -86,7 +90,7 @@ def _times(times_s: Any, topic: str) -> npt.NDArray[np.float64]:
         raise TimestampError(f"append_columns() on topic {topic!r}: _ts has the shape {given.shape}; it must be [N]")
     if given.dtype.kind not in "fiu" and len(given):
         raise TimestampError(
-            f"append_columns() on topic {topic!r}: _ts must be numbers, [N], in seconds; these are {given.dtype}"
+            f"append_columns() on topic {topic!r}: _ts must be numbers, [N], in seconds; these are {_kind(given)}"
         )
     times = given.astype(np.float64)
     good = (times >= 0) & (times < clock.END_S)
@@ -94,9 +98,17 @@ def _times(times_s: Any, topic: str) -> npt.NDArray[np.float64]:
         row = int(np.flatnonzero(~good)[0])
         raise TimestampError(
             f"append_columns() on topic {topic!r}: _ts[{row}]={times[row]!r} is not a time stamp; it must be finite,"
-            " 0 or more, in seconds"
+            f" 0 or more, in seconds{unit_hint(times[row]) if clock.END_S <= times[row] < np.inf else ''}"
         )
     return times + 0.0
+
+
+def _kind(times: npt.NDArray[Any]) -> str:
+    """Return of what kind times are that are no numbers, and how to make seconds of them."""
+    if times.dtype.kind in "mM":
+        return f"{times.dtype}{seconds_hint(times)}"
+    hint = seconds_hint(times[0])
+    return f"{type(times[0]).__name__}{hint}, for each row" if hint else str(times.dtype)
 
 
 def _column(name: str, column: Any, count: int, topic: str) -> Any:
