@@ -242,7 +242,7 @@ def test_a_range_of_another_kind_is_answered_with_how_to_make_seconds_of_it(
 
 
 def test_columns_of_dates_are_answered_with_how_to_make_seconds_of_them(tmp_path: Path) -> None:
-    times = pd.to_datetime([SECONDS, SECONDS + 1], unit="s")
+    times = pd.to_datetime([SECONDS, SECONDS + 1], unit="s").to_numpy()
     with Recorder(tmp_path) as recorder:
         said = message(TimestampError, lambda: recorder.topic("robot").append_columns(q=[1.0, 2.0], _ts=times))
         spelling, ns = advice(said, "_ts").split(" with ns = ")
