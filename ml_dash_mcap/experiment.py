@@ -85,6 +85,17 @@ class Experiment:
         self._said = describe(readme=readme, description=description, tags=tags, bindrs=bindrs, metadata=metadata)
         self.run: Run[Experiment, Track] = Run(self, self._begin)
 
+    def __enter__(self) -> NoReturn:
+        """Refuse: an experiment is started by its run.
+
+        Raises:
+            UsageError: Always; the message says what to write.
+        """
+        raise UsageError(f"an experiment is started by its run: write 'with Experiment({self.prefix!r}).run as exp:'")
+
+    def __exit__(self, *exception: object) -> None:
+        """Never called, as `__enter__` refuses."""
+
     def __repr__(self) -> str:
         return f"<Experiment {self.prefix!r}, {self.run.status or 'not started'}>"
 

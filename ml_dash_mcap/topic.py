@@ -206,9 +206,10 @@ class Topic:
     ) -> dict[str, Any]:
         """Handle what an ordinary call does not have: positional arguments, a field `timestamp`, a reserved name."""
         if positional:
+            instead = "; spread a dict: append(**row)" if isinstance(positional[0], Mapping) else ""
             raise UsageError(
                 f"append() on topic {self.name!r} takes its fields by name, as in append(q=..., _ts=...); got"
-                f" {len(positional)} positional argument(s)"
+                f" {len(positional)} positional argument(s){instead}"
             )
         if exact_key is not _UNSET:
             raise FieldError(f"append() on topic {self.name!r}: the field name {EXACT_KEY!r} is reserved; rename it")

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pytest
 
-from ml_dash_mcap.errors import FieldError, TopicError
+from ml_dash_mcap.errors import FieldError, TopicError, UsageError
 from ml_dash_mcap.experiment import Experiment
 from tests.support import disk, viewer_schema
 
@@ -29,6 +31,28 @@ def test_points_are_numbered_and_come_back_in_ml_dash_s_shape(exp: Experiment) -
     assert (read["startIndex"], read["endIndex"], read["total"], read["hasMore"]) == (1, 2, 2, True)
     past = exp.metrics("train").read(start_index=5)
     assert past == {"data": [], "startIndex": 5, "endIndex": 4, "total": 0, "hasMore": False}
+
+
+def test_a_point_may_come_in_a_dict(exp: Experiment) -> None:
+    given = {"loss": 0.5, "epoch": 1, "self": 2, "values": 3}
+    exp.metrics("train").log(given).log({"loss": 0.25, "_ts": 2.0}, epoch=2).log(
+        MappingProxyType({"loss": 0.1}), _ts=3.0
+    )
+    assert given == {"loss": 0.5, "epoch": 1, "self": 2, "values": 3}, "it is the caller's"
+    exp.run.complete()
+    rows = disk.rows(exp.path)["ml_dash/metrics/train"]
+    assert {"loss": 0.5, "epoch": 1, "self": 2, "values": 3}.items() <= rows[-1].items()
+    assert rows[:2] == [{"loss": 0.25, "epoch": 2, "_ts": 2.0}, {"loss": 0.1, "_ts": 3.0}]
+
+
+@pytest.mark.parametrize(
+    ("values", "error"),
+    [(0.5, UsageError), ([("loss", 1)], UsageError), ({1: 2}, FieldError), ({"_exact": 1}, FieldError)],
+)
+def test_a_point_in_what_is_no_dict_of_names_is_refused(exp: Experiment, values: Any, error: type[Exception]) -> None:
+    with pytest.raises(error, match="metric 'train'"):
+        exp.metrics("train").log(values)
+    assert exp.metrics("train").read()["total"] == 0
 
 
 def test_points_lie_on_a_topic_of_their_own_with_a_schema_that_names_their_fields(exp: Experiment) -> None:

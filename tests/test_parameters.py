@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
+import collections
 import dataclasses
 import json
 import math
+import types
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +17,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ml_dash_mcap.errors import FieldError
+from ml_dash_mcap.errors import FieldError, UsageError
 from ml_dash_mcap.experiment import Experiment
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.run.parameters import flatten, nest
@@ -42,6 +45,46 @@ def test_nested_parameters_get_dotted_names_and_later_calls_merge(exp: Experimen
     assert exp.params.get() == exp.params.get(flatten=True) == expected
     assert exp.params.get(flatten=False) == {"model": {"lr": 0.01, "layers": 4}, "optimizer": "adam"}
     assert on_disk(exp) == expected
+
+
+@dataclasses.dataclass
+class Config:
+    lr: float = 0.1
+    layers: int = 4
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"lr": 0.1, "layers": 4},
+        collections.OrderedDict(lr=0.1, layers=4),
+        Config(),
+        Config,
+        argparse.Namespace(lr=0.1, layers=4),
+        types.SimpleNamespace(lr=0.1, layers=4),
+    ],
+    ids=repr,
+)
+def test_parameters_may_come_in_a_dict_or_what_is_like_one(exp: Experiment, values: Any) -> None:
+    assert exp.params.set(values, layers=5) is exp.params, "names win over the dict"
+    exp.params.log({"model": {"self": 1, "values": 2}}, nested=values)
+    expected = {"lr": 0.1, "layers": 5, "model.self": 1, "model.values": 2, "nested.lr": 0.1, "nested.layers": 4}
+    assert exp.params.get() == expected
+    assert on_disk(exp) == expected
+
+
+@pytest.mark.parametrize("values", [5, "lr", [("lr", 0.1)], object()], ids=repr)
+def test_parameters_in_what_is_no_dict_are_refused(exp: Experiment, values: Any) -> None:
+    with pytest.raises(UsageError, match="pass a dict, or values by name"):
+        exp.params.set(values)
+    assert exp.params.get() == {}
+
+
+@pytest.mark.parametrize("values", [{1: "a", "1": "b"}, {"a.b": 1, "a": {"b": 2}}, {"x": {1: 2, "1": 3}}], ids=repr)
+def test_two_parameters_that_get_one_name_are_refused(exp: Experiment, values: Any) -> None:
+    with pytest.raises(FieldError, match="two parameters are called"):
+        exp.params.set(values)
+    assert exp.params.get() == {}
 
 
 def test_dotted_names_may_be_given_as_such(exp: Experiment) -> None:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from ml_dash_mcap.errors import (
-    DamagedFileError,
-    StateError,
-    StorageError,
-)
+from ml_dash_mcap import Recording, Session, recordings
+from ml_dash_mcap.errors import DamagedFileError, StateError, StorageError, UsageError
 from ml_dash_mcap.experiment import Experiment
 from ml_dash_mcap.run.live import Live, Status
 from ml_dash_mcap.run.tracks import Track
@@ -48,6 +49,94 @@ def test_an_exception_in_the_body_marks_the_run_failed_keeps_its_rows_and_goes_o
     assert disk.counts(exp.path) == {"robot": 1}
     last = disk.metadata(exp.path, "ml_dash.run")[-1]
     assert (last["status"], last["error"]) == ("failed", "ZeroDivisionError: division by zero")
+
+
+class Cancelled(BaseException):
+    """Stands for what trio and others cancel a task with."""
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (KeyboardInterrupt(), "cancelled"),
+        (asyncio.CancelledError(), "cancelled"),
+        (GeneratorExit(), "cancelled"),
+        (Cancelled(), "cancelled"),
+        (SystemExit(), "completed"),
+        (SystemExit(0), "completed"),
+        (SystemExit(2), "failed"),
+        (SystemExit("no robot"), "failed"),
+        (ConnectionError("gone"), "failed"),
+    ],
+    ids=repr,
+)
+@pytest.mark.parametrize("api", ["experiment", "session"])
+def test_what_leaves_the_body_says_how_the_run_ended_and_goes_on(
+    tmp_path: Path, api: str, error: BaseException, status: str
+) -> None:
+    def record() -> None:
+        if api == "experiment":
+            with experiment(tmp_path).run as exp:
+                exp.tracks("robot").append(q=1.0, _ts=0.0)
+                raise error
+        with Session("demo", "alice/franka", local_path=tmp_path) as session:
+            session.track("robot").append(q=1.0, _ts=0.0)
+            raise error
+
+    with pytest.raises(type(error)) as caught:
+        record()
+    assert caught.value is error
+    last = disk.metadata(tmp_path / PREFIX, "ml_dash.run")[-1]
+    assert (last["status"], "error" in last) == (status, status == "failed")
+    assert disk.counts(tmp_path / PREFIX) == {"robot": 1}
+    assert [entry.status for entry in recordings(tmp_path)] == [status]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGINT for another process")
+def test_ctrl_c_on_a_running_program_leaves_a_cancelled_run_with_all_its_rows(tmp_path: Path) -> None:
+    program = f"""
+import itertools, signal
+from ml_dash_mcap import Experiment
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+with Experiment({PREFIX!r}, root={str(tmp_path)!r}).run as exp:
+    for step in itertools.count():
+        exp.tracks("robot").append(q=[0.1, 0.2], _ts=step / 1000)
+        if step == 1000:
+            print("recording", flush=True)
+"""
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "recording\n"
+        child.send_signal(signal.SIGINT)
+        _, said = child.communicate(timeout=60)
+    assert said.rstrip().endswith("KeyboardInterrupt")
+    assert disk.metadata(tmp_path / PREFIX, "ml_dash.run")[-1]["status"] == "cancelled"
+    times = [row["_ts"] for row in disk.rows(tmp_path / PREFIX)["robot"]]
+    assert len(times) > 1000
+    assert times == [step / 1000 for step in range(len(times))]
+
+
+def test_ctrl_c_in_an_episode_says_nothing_of_its_success(tmp_path: Path) -> None:
+    def record() -> None:
+        with experiment(tmp_path).run as exp, exp.episode(task="pick"):
+            exp.tracks("robot").append(q=1.0, _ts=0.0)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        record()
+    with Recording(tmp_path / PREFIX) as recording:
+        assert [(one.task, one.success) for one in recording.episodes] == [("pick", None)]
+
+
+def test_an_experiment_in_a_with_statement_says_to_use_its_run(tmp_path: Path) -> None:
+    exp = experiment(tmp_path)
+    with pytest.raises(UsageError, match=r"with Experiment\('alice/franka/demo'\)\.run as exp:") as caught, exp:
+        pytest.fail("the body must not run")
+    assert isinstance(caught.value, TypeError), "what Python itself raises there"
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(("end", "status"), [("complete", "completed"), ("fail", "failed"), ("cancel", "cancelled")])

@@ -14,6 +14,7 @@ from ..errors import FieldError, RangeError
 from ..layout import EPISODE, EPISODE_TOPIC
 from ..recorder import Recorder
 from ..topic import EventTopic
+from .endings import status_by
 
 _log = logging.getLogger("ml_dash_mcap")
 
@@ -64,7 +65,8 @@ class Episodes:
 class OpenEpisode:
     """An episode that is being recorded. `end` ends it; so does the next one, and the end of the run.
 
-    As a context manager it ends with the block; an exception marks it as failed, and goes on.
+    As a context manager it ends with the block; an exception marks it as failed, and goes on. Of one that Ctrl-C ends
+    nobody knows, unless its `success` was set.
 
     Example:
         >>> with exp.episode(task="pick the cube") as episode:
@@ -154,7 +156,8 @@ class OpenEpisode:
             return
         if not self.is_open:
             return
-        self.success = False
+        if status_by(error) == "failed":
+            self.success = False
         try:
             self.end()
         except Exception as trouble:  # the block's exception goes on; what came of marking the end must not replace it

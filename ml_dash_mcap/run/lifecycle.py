@@ -11,7 +11,8 @@ from typing import Any, Generic, TypeVar
 from ..errors import FieldError, StateError, UsageError
 from ..options import RecorderOptions, check_options
 from ..rows import encode
-from .live import Live, Status
+from .endings import Status, status_by
+from .live import Live
 from .tracks import TrackT
 
 OwnerT = TypeVar("OwnerT")
@@ -22,8 +23,9 @@ _log = logging.getLogger("ml_dash_mcap")
 class Run(Generic[OwnerT, TrackT]):
     """Starts and ends a run; also a context manager, which yields the experiment.
 
-    An exception in the body marks the run as failed; everything appended is written, and the exception goes on (with
-    a note, if closing fails too).
+    An exception in the body marks the run as failed, and Ctrl-C as cancelled, like everything else that ends a program
+    without an error in it (the cancelling of a task, the closing of a generator). `sys.exit()` completes it, unless its
+    code says otherwise. Everything appended is written, and the exception goes on (with a note, if closing fails too).
 
     Example:
         >>> with Experiment("alice/franka/demo").run as exp:
@@ -90,11 +92,12 @@ class Run(Generic[OwnerT, TrackT]):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        status = status_by(error)
         if error is None:
             self.complete()
             return
         try:
-            self.fail(error)
+            self._end(status, error if status == "failed" else None)
         except Exception as trouble:  # the body's exception goes on; what came of closing must not replace it
             said = f"closing the run after this also failed: {type(trouble).__name__}: {trouble}"
             _log.error("%s: %s", type(error).__name__, said)

@@ -13,6 +13,7 @@ from ..options import RecorderOptions
 from ..recorder import Recorder
 from ..topic import EventTopic
 from . import utc
+from .endings import Status
 from .episodes import Episodes
 from .file_store import Details, FileStore
 from .files import Files
@@ -23,7 +24,6 @@ from .readback import Readback
 from .tracks import Tracks, TrackT
 
 Timestamps = Literal["strict", "auto"]
-Status = Literal["running", "completed", "failed", "cancelled"]
 
 
 class Live(Generic[TrackT]):

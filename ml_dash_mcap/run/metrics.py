@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ..errors import FieldError
+from ..errors import FieldError, UsageError
 from ..layout import METRIC, METRIC_TOPICS
 from ..recorder import Recorder
 from ..rows.encode import EXACT_KEY, TIME_KEY
@@ -27,17 +27,25 @@ class Metric:
         self._topic = topic
         self._readback = readback
 
-    def log(self, **fields: Any) -> Metric:
+    def log(self, values: Mapping[str, Any] | None = None, /, **fields: Any) -> Metric:
         """Log one point; any fields.
 
         Args:
-            **fields: The values. `_ts` sets the point's time stamp, in seconds; by default it is the time of the
-                recording: wall-clock time, or the latest time stamp of a track where the tracks' clock starts near 0.
+            values: A dict of fields.
+            **fields: Fields by name; they win over those of `values`. `_ts` sets the point's time stamp, in seconds; by
+                default it is the time of the recording: wall-clock time, or the latest time stamp of a track where the
+                tracks' clock starts near 0.
 
         Raises:
             FieldError: A value cannot be stored.
+            UsageError: `values` is no dict.
             StateError: The recording is closed.
+
+        Example:
+            >>> exp.metrics("train").log({"loss": 0.5, "epoch": 3})
         """
+        if values is not None:
+            fields = {**self._checked(values), **fields}
         if EXACT_KEY in fields:
             raise FieldError(f"log() on metric {self.name!r}: the field name {EXACT_KEY!r} is reserved; rename it")
         if fields.get(TIME_KEY) is None:
@@ -45,6 +53,15 @@ class Metric:
         else:
             self._topic.append(**fields)
         return self
+
+    def _checked(self, values: object) -> Mapping[str, Any]:
+        """Return a dict of fields that was given instead of fields by name."""
+        if not isinstance(values, Mapping):
+            raise UsageError(f"log() on metric {self.name!r} takes a dict or fields by name, as in log(loss=0.5)")
+        for name in values:
+            if not isinstance(name, str):
+                raise FieldError(f"log() on metric {self.name!r}: the name of a field is text, not {name!r}")
+        return values
 
     def flush(self) -> Metric:
         """Write what was logged to the file before returning."""

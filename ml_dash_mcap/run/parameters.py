@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import threading
+from argparse import Namespace
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import fields, is_dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import orjson
 
+from ..errors import FieldError, UsageError
 from ..layout import PARAMETERS_RECORD
 from ..recorder import Recorder
 from ..rows import encode
@@ -42,25 +45,36 @@ class Parameters:
         self._earlier: dict[str, Any] | None = None
         """Those of earlier runs, once they were asked for."""
 
-    def set(self, **values: Any) -> Parameters:
+    def set(self, values: Any = None, /, **more: Any) -> Parameters:
         """Set parameters, and leave those that are not named as they are.
 
-        Nested dicts, dataclasses and classes (their public attributes) are flattened to dotted names; numpy values,
-        tuples and the like become plain ones.
+        Nested dicts, dataclasses, namespaces and classes (their public attributes) are flattened to dotted names; numpy
+        values, tuples and the like become plain ones.
+
+        Args:
+            values: A dict of them, or a dataclass or `argparse.Namespace` that holds them.
+            **more: Parameters by name; they win over those of `values`.
 
         Raises:
-            FieldError: A value cannot be stored.
+            FieldError: A value cannot be stored, or two have one name.
+            UsageError: `values` is nothing that holds parameters.
             StateError: The recording is closed.
+
+        Example:
+            >>> exp.params.set({"lr": 1e-3, "model": {"layers": 4}}, seed=7)
         """
-        flat = flatten(values)
+        held = {} if values is None else _fields(values)
+        if held is None:
+            raise UsageError(f"params.set({values!r}): pass a dict, or values by name as in params.set(lr=1e-3)")
+        flat = {**flatten(held), **flatten(more)}
         with self._merge_lock:
             self._recorder.set_parameters(flat)
             self._values.update({name: _as_stored(name, value) for name, value in flat.items()})
         return self
 
-    def log(self, **values: Any) -> Parameters:
+    def log(self, values: Any = None, /, **more: Any) -> Parameters:
         """Set parameters: another name of `set`."""
-        return self.set(**values)
+        return self.set(values, **more)
 
     def get(self, flatten: bool = True) -> dict[str, Any]:
         """Return all parameters, those of earlier runs under the same prefix included.
@@ -81,15 +95,19 @@ class Parameters:
 
 
 def flatten(values: Mapping[Any, Any], parent: str = "") -> dict[str, Any]:
-    """Return nested values under dotted names; an empty dict stays a value."""
+    """Return nested values under dotted names; an empty dict stays a value.
+
+    Raises:
+        FieldError: Two of them have one name, as in `{1: "a", "1": "b"}`.
+    """
     flat: dict[str, Any] = {}
     for key, value in values.items():
         name = f"{parent}{key}"
         inner = _fields(value)
-        if inner:
-            flat.update(flatten(inner, f"{name}."))
-        else:
-            flat[name] = value if inner is None else {}
+        below = flatten(inner, f"{name}.") if inner else {name: value if inner is None else {}}
+        for one in below.keys() & flat.keys():
+            raise FieldError(f"two parameters are called {one!r}; rename one of them")
+        flat.update(below)
     return flat
 
 
@@ -121,4 +139,6 @@ def _fields(value: Any) -> dict[str, Any] | None:
         return {k: v for k, v in vars(value).items() if not k.startswith("_") and not callable(v)}
     if is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, (SimpleNamespace, Namespace)):
+        return dict(vars(value))
     return None
