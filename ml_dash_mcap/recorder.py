@@ -8,7 +8,6 @@ import json
 import os
 import socket
 import threading
-import time
 import uuid
 import weakref
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,7 +15,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, NoReturn, TypeVar
 
-from . import clock
 from .annotations import NOTHING_SAID, collect
 from .errors import FieldError, PrefixError, StorageError, TopicError, UsageError
 from .layout import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
@@ -226,10 +224,11 @@ class Recorder:
     def time(self) -> float:
         """Return the recording's time now, in seconds: what logs and metrics are written at.
 
-        It is the wall clock, or the last time stamp of a track where those run on a clock that starts near 0.
+        It is the wall clock where the tracks' time stamps are of now, or no track has one yet. Where they run on any
+        other clock (of a simulation, of a recording that is played back, GPS time, a monotonic one), it is the latest
+        time stamp of a track.
         """
-        last_s = self._journal.last_s
-        return time.time() if last_s is None or clock.is_epoch_like(last_s) else last_s
+        return self._journal.tracks_clock.time(self._journal.last_s)[0]
 
     def flush(self) -> None:
         """Wait until every row taken so far is in the file.

@@ -13,6 +13,7 @@ from .rows.encode import EXACT_KEY, TIME_KEY, dumps, exact, plain
 from .timestamps import MISSING
 from .write import records
 from .write.channels import ChannelInfo
+from .write.event_times import WALL_STAMPED
 
 if TYPE_CHECKING:
     from .recorder import Recorder
@@ -171,7 +172,7 @@ class Topic:
             self._journal.eager()
         return taken
 
-    def _encode(self, fields: dict[str, Any], time_s: float) -> bytes:
+    def _encode(self, fields: dict[str, Any], time_s: float, head: bytes | None = None) -> bytes:
         """Return a Message record without its opcode; `fields` gets the time stamp."""
         fields[TIME_KEY] = time_s
         try:
@@ -182,7 +183,7 @@ class Topic:
             if self._probe in payload:
                 payload = self._recheck(payload, fields)
         time_ns = clock.to_nanoseconds(time_s)
-        return _pack_tail(len(payload) + 22, self._head, time_ns, time_ns) + payload
+        return _pack_tail(len(payload) + 22, self._head if head is None else head, time_ns, time_ns) + payload
 
     def _encode_row(self, index: int, row: Mapping[str, Any], last_s: float | None) -> tuple[bytes, float]:
         try:
@@ -234,7 +235,11 @@ class Topic:
 class EventTopic(Topic):
     """A topic of logs, metrics, files or episodes: at the recording's time, and never merged."""
 
-    __slots__ = ()
+    __slots__ = ("_wall_head",)
+
+    def __init__(self, recorder: Recorder, channel: ChannelInfo) -> None:
+        super().__init__(recorder, channel)
+        self._wall_head = struct.pack("<HI", channel.number, WALL_STAMPED)
 
     @property
     def last_s(self) -> float | None:
@@ -252,8 +257,11 @@ class EventTopic(Topic):
             fields: Get the time stamp.
             time_s: Its time stamp, in seconds; the recording's time now by default.
         """
-        time_s = self.now() if time_s is None else time_s
-        taken = self._journal.add(_OPCODE + self._encode(fields, time_s), self.name, None)
+        head = self._head
+        if time_s is None:
+            time_s, is_wall = self._journal.tracks_clock.time(self._journal.last_s)
+            head = self._wall_head if is_wall else head
+        taken = self._journal.add(_OPCODE + self._encode(fields, time_s, head), self.name, None)
         if self._journal.eager is not None:
             self._journal.eager()
         return taken

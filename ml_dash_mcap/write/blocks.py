@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import numpy.ma  # numpy.unique() would load it at the first block: 20 ms, beside a control loop
 import numpy.typing as npt
-import orjson
 from mcap.data_stream import ReadDataStream
 from mcap.records import Metadata
 
@@ -22,13 +21,12 @@ from .. import clock
 from ..layout import ACTIVE_SUFFIX, DROPS_RECORD, PARAMETERS_RECORD, SEGMENT_SUFFIX, TRACK
 from ..options import RecorderOptions
 from ..rows import schema as schemas
-from ..rows.encode import TIME_KEY
 from ..rows.skeleton import Bones, Skeletons, guess
-from . import records
+from . import event_times, records
 from .channels import ChannelInfo
 from .chunk import Compressor, build, compressor
 from .merging import merge_same_time
-from .rows import Block, Rows, pack, replaced, split
+from .rows import Block, Rows, pack, split
 from .segment import Segment
 
 _log = logging.getLogger("ml_dash_mcap")
@@ -91,6 +89,8 @@ class BlockWriter:
         self._options = options
         self._own_chunk_bytes = min(_OWN_CHUNK_BYTES, options.chunk_bytes // 16)
         self._about = dict(about)
+        self._last_event_ns = _begin_ns(about)
+        """A time of the wall clock at which there was no row of a track yet, until there is one."""
         self._channels = channels
         self.compress: Compressor = compressor(options)
         self._skeletons: dict[int, Skeletons] = {}
@@ -229,31 +229,39 @@ class BlockWriter:
     # -- the tracks' clock -------------------------------------------------------------------------------------------
 
     def _follow_clock(self, rows: Rows, tracks: npt.NDArray[np.bool_]) -> tuple[Rows, bool]:
-        """Keep logs and metrics, made at wall-clock times, on the clock of the tracks.
+        """Keep logs and metrics that were made before the tracks' first row on the clock of the tracks.
 
-        A viewer refuses a file whose times span from near 0 to today. So where the tracks turn out to run on a clock
-        that starts near 0, what was logged before their first row takes its time, or stays behind in a segment of
-        its own.
+        A viewer refuses a file whose times span from one clock to another. So where the tracks turn out not to run on
+        the wall clock, what was logged before their first row takes its time, or stays behind in a segment of its own.
 
         Returns:
             The rows, and whether a new segment is to begin with them.
         """
         is_track = tracks[rows.channels]
-        if not is_track.any():
+        before = self.clock
+        if is_track.any():
+            self._look_at_clock(rows.times[is_track])
+        if before != "unknown":
             return rows, False
-        epoch_like = rows.times >= int(clock.EPOCH_LIKE_S * clock.NS_PER_S)
-        of_tracks = epoch_like[is_track]
-        now = "epoch" if of_tracks.all() else "mixed" if of_tracks.any() else "relative"
+        is_stamped = event_times.stamped(rows, is_track)
+        if self.clock == "unknown":
+            self._last_event_ns = max(self._last_event_ns, *rows.times[is_stamped].tolist(), 0)
+            return rows, False
+        if not event_times.are_elsewhere(rows, is_track, is_stamped, self._last_event_ns, time.time_ns()):
+            return rows, False
+        splits = self._segment is not None and bool(self._segment.contents.chunks)
+        return event_times.follow(rows, is_track, is_stamped), splits
+
+    def _look_at_clock(self, times: npt.NDArray[np.int64]) -> None:
+        """Note how the time stamps of tracks look, [N], ns."""
+        epoch_like = times >= int(clock.EPOCH_LIKE_S * clock.NS_PER_S)
+        now = "epoch" if epoch_like.all() else "mixed" if epoch_like.any() else "relative"
         before = self.clock
         self.clock = now if before in ("unknown", now) else "mixed"
         if self.clock == "mixed" != before:
             _log.warning(
                 "the tracks in %s mix wall-clock times and times near 0; viewers refuse such a file", self.folder
             )
-        if before != "unknown" or now != "relative":
-            return rows, False
-        splits = self._segment is not None and bool(self._segment.contents.chunks)
-        return _retime(rows, np.flatnonzero(~is_track & epoch_like), int(rows.times[is_track][0])), splits
 
     # -- segments ----------------------------------------------------------------------------------------------------
 
@@ -329,16 +337,12 @@ class BlockWriter:
             self._litter.pop().unlink(missing_ok=True)
 
 
-def _retime(rows: Rows, which: npt.NDArray[np.intp], time_ns: int) -> Rows:
-    """Give some rows another time, in their payload too."""
-    if not len(which):
-        return rows
-    payloads: dict[int, tuple[int, bytes]] = {}
-    for row in which.tolist():
-        fields = orjson.loads(rows.payload(row))
-        fields[TIME_KEY] = clock.to_seconds(time_ns)
-        payloads[row] = (time_ns, orjson.dumps(fields))
-    return replaced(rows, np.ones(len(rows), np.bool_), payloads)
+def _begin_ns(about: Mapping[str, str]) -> int:
+    """Return when a recorder was opened, by the wall clock, in ns; 0 where it does not say."""
+    try:
+        return int(datetime.datetime.fromisoformat(about["run_start"]).timestamp() * clock.NS_PER_S)
+    except (KeyError, ValueError):
+        return 0
 
 
 def stamp_after(folder: Path) -> str:

@@ -25,6 +25,7 @@ from ..options import RecorderOptions
 from . import records
 from .buffer import Buffer
 from .session import SessionFiles
+from .tracks_clock import TracksClock
 from .turns import State, Turns
 
 _POLL_S = 0.0005
@@ -50,6 +51,8 @@ class Journal:
         thread never waits for it."""
         self.last_s: float | None = None
         """The latest time stamp that a track was given, in seconds."""
+        self.tracks_clock = TracksClock()
+        """Tells events the time."""
         self.dropped: dict[str, int] = {}
         """Rows refused, by topic."""
         self.failure: Callable[[], BaseException | None] = lambda: None

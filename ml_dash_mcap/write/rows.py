@@ -61,6 +61,12 @@ class Rows:
         """Return one encoded row."""
         return self.data[self.starts[row] + records.MESSAGE_HEAD : self.ends[row]].tobytes()
 
+    def sequences(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.uint32]:
+        """Return the sequence numbers of some rows, [n]."""
+        at = (self.starts[which] + _SEQUENCE_AT)[:, None] + np.arange(4)
+        found: npt.NDArray[np.uint32] = self.data[at].view("<u4").ravel()
+        return found
+
     def number(self, sequence: npt.NDArray[np.uint32]) -> None:
         """Write a sequence number into each record, in place."""
         at = (self.starts + _SEQUENCE_AT)[:, None] + np.arange(4)

@@ -155,6 +155,7 @@ class Writer:
     def _tick(self) -> None:
         """Have what waits written, and synced when it is time for that."""
         now = self._last_seal = time.monotonic()
+        self._journal.tracks_clock.look(self._journal.last_s)
         self._journal.seal_within(_LOCK_PATIENCE_S)
         interval = self._journal.options.sync_interval_s
         if interval and now - self._last_sync >= interval - self._tick_s() / 2:
