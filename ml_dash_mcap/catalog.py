@@ -6,12 +6,12 @@ import errno
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
-from fnmatch import fnmatch
 from pathlib import Path
 
 from .errors import MissingRecordingError, RecorderError
-from .layout import ACTIVE_SUFFIX, SEGMENT_SUFFIX, SESSION_GLOB
+from .layout import SESSION_GLOB
 from .recording import Recording
+from .run_folders import holds_run, runs_below
 from .write.lock import SessionLock
 
 _ENDED = ("completed", "failed", "cancelled")
@@ -46,9 +46,10 @@ class CatalogEntry:
 
 
 def recordings(root: str | Path) -> Iterator[CatalogEntry]:
-    """Yield the recordings in a folder and in the folders below it, sorted by path; hidden folders are left out.
+    """Yield the recordings in a folder and in the folders below it, sorted by path.
 
-    A folder with MCAP files in it is a recording. Opening one folds in what a crashed recorder left there.
+    Hidden folders are left out, but for `.dash` and `.dreamlake`, where runs are recorded by default. A folder with
+    MCAP files in it is a recording. Opening one folds in what a crashed recorder left there.
 
     Args:
         root: The folder.
@@ -63,28 +64,13 @@ def recordings(root: str | Path) -> Iterator[CatalogEntry]:
     root = Path(root)
     if not root.is_dir():
         raise MissingRecordingError(errno.ENOENT, "no folder here", str(root))
-    return (_look_at(folder) for folder in _folders(root))
+    return (_look_at(folder) for folder in runs_below(root))
 
 
 def is_recording(path: str | Path) -> bool:
     """Whether a path is a file, or a folder with MCAP files in it."""
     path = Path(path)
-    return path.is_file() or (path.is_dir() and _is_one(os.listdir(path)))
-
-
-def _folders(root: Path) -> Iterator[Path]:
-    for folder, names, files in os.walk(root):
-        names[:] = sorted(name for name in names if not name.startswith("."))
-        if _is_one(files):
-            yield Path(folder)
-
-
-def _is_one(names: list[str]) -> bool:
-    """Whether files with these names make a recording: MCAP files, or what a recorder keeps before it writes one."""
-    return any(
-        (name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX) and name[0] != ".") or fnmatch(name, SESSION_GLOB)
-        for name in names
-    )
+    return path.is_file() or (path.is_dir() and holds_run(os.listdir(path)))
 
 
 def _look_at(folder: Path) -> CatalogEntry:

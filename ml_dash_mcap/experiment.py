@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 from . import paths
 from .errors import StateError, UsageError
+from .layout import EXPERIMENT_ROOT as DEFAULT_ROOT
 from .options import RecorderOptions, arguments_of, misplaced
 from .run.episodes import OpenEpisode
 from .run.files import Files
@@ -19,8 +20,6 @@ from .run.logs import Logs
 from .run.metrics import Metrics
 from .run.parameters import Parameters
 from .run.tracks import Track, Tracks
-
-DEFAULT_ROOT = ".dash"
 
 
 class Experiment:

@@ -19,7 +19,7 @@ from .annotations import NOTHING_SAID, collect
 from .errors import FieldError, PrefixError, StorageError, TopicError, UsageError
 from .layout import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
 from .options import RecorderOptions, arguments_of, check_options, misplaced
-from .recovery import recover
+from .recovery import recover_folder
 from .rows.encode import dumps, plain, plain_list
 from .timestamps import stamper
 from .topic import Topic, check_topic
@@ -77,7 +77,7 @@ class Recorder:
         self.session = uuid.uuid4().hex[:16]
         """Names this opening of the recording; `run` in the metadata."""
         self._stamper = stamper(timestamps)
-        recover(self.path)
+        recover_folder(self.path)
         self._channels: dict[int, ChannelInfo] = {}
         self._topics: dict[tuple[str, str], Topic] = {}
         self._said: dict[tuple[str, str], dict[str, Any]] = {}

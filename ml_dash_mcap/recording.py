@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -46,8 +46,11 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 
 
-class Recording:
+class Recording(Mapping[str, TopicReader]):
     """A run's folder, or one MCAP file: finished, cut by a crash, or still being recorded.
+
+    It is a mapping from the names of topics, sorted, to their readers. The library's own topics (`ml_dash/...`) are
+    there when they are asked for by name; iteration leaves them out. Two recordings are equal if they are one object.
 
     Opening reads the indexes and no message. Any thread may read; `refresh` and `close` are for one at a time.
 
@@ -57,6 +60,7 @@ class Recording:
         ...     rec["robot"].read(start_timestamp=0.0, end_timestamp=5.0, columns=["q"])
         ...     for row in rec["robot"].rows():
         ...         print(row["_ts"], row["q"])
+        ...     tables = {name: topic.to_arrow() for name, topic in rec.items()}
     """
 
     def __init__(
@@ -137,6 +141,17 @@ class Recording:
         if topic not in self:
             raise not_found("topic", topic, self._topic_names())
         return TopicReader(_View(self._opened, self._info), topic)
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names of the topics, sorted."""
+        return iter(self._topic_names())
+
+    def __len__(self) -> int:
+        """How many topics there are, without the library's own."""
+        return len(self._topic_names())
+
+    __eq__ = object.__eq__  # a mapping would compare readers, which are made anew when they are asked for
+    __hash__ = object.__hash__
 
     def __contains__(self, topic: object) -> bool:
         """Whether there is such a topic."""
@@ -446,6 +461,6 @@ def _may_be_foreign(path: Path) -> bool:
 def _fold_in_leftovers(folder: Path) -> None:
     """Give the rows that a dead recorder left in its journal a place in the recording."""
     if next(folder.glob(SESSION_GLOB), None) is not None:
-        from .recovery import recover  # which loads the writing side, and is hardly ever needed
+        from .recovery import recover_folder  # which loads the writing side, and is hardly ever needed
 
-        recover(folder)
+        recover_folder(folder)

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 
 from . import paths
 from .errors import OptionError, StateError
+from .layout import SESSION_ROOT as DEFAULT_ROOT
 from .options import RecorderOptions, arguments_of, misplaced
 from .run.episodes import OpenEpisode
 from .run.lifecycle import Run, choose_options, describe
@@ -20,8 +21,6 @@ from .run.parameters import Parameters
 from .run.session_files import SessionFile, SessionFiles
 from .run.session_tracks import SessionTrack
 from .run.tracks import Tracks
-
-DEFAULT_ROOT = ".dreamlake"
 
 
 class Session:

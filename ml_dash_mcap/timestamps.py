@@ -10,8 +10,8 @@ from . import clock
 from .errors import OptionError, TimestampError
 from .time_hints import seconds_hint, unit_hint
 
-MISSING: Any = type("Missing", (), {"__repr__": lambda self: "<missing>", "__slots__": ()})()
-"""Stands for a `_ts` that was not given."""
+MISSING: Any = type("Missing", (), {"__repr__": lambda self: "<left out>", "__slots__": ()})()
+"""Stands for an argument that was not given, such as a `_ts`."""
 
 INHERIT = -1
 """As `_ts`: take the last time stamp used, where the rule allows it."""

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 _MAX_TOPIC_BYTES = 1024
 
-_UNSET: Any = object()
 _END_S = clock.END_S
 _pack_tail = struct.Struct("<Q6sQQ").pack
 _OPCODE = bytes((records.MESSAGE_OPCODE,))
@@ -45,7 +44,7 @@ class Topic:
         self._probe = b"n"[0]
 
     def append(
-        self: T, /, *positional: Any, _ts: Any = MISSING, timestamp: Any = _UNSET, _exact: Any = _UNSET, **fields: Any
+        self: T, /, *positional: Any, _ts: Any = MISSING, timestamp: Any = MISSING, _exact: Any = MISSING, **fields: Any
     ) -> T:
         """Take one row. Its values are copied: changing an array afterwards changes nothing.
 
@@ -70,7 +69,7 @@ class Topic:
         """
         # The hot path: every line here is measured by tools/bench_append.py. It is `encode`, `clock.to_nanoseconds`
         # and `Journal.add` written out; closed and forked recorders fail the room check, so they cost nothing here.
-        if positional or timestamp is not _UNSET or _exact is not _UNSET:
+        if positional or timestamp is not MISSING or _exact is not MISSING:
             fields = self._accept(positional, timestamp, _exact, fields)
         if _ts.__class__ is not float or not 0.0 < _ts < _END_S:  # 0.0 is checked, for it may be -0.0
             _ts = self._time(_ts)
@@ -146,9 +145,9 @@ class Topic:
         from .write import columns as bulk
 
         if positional or EXACT_KEY in columns:
-            self._accept(positional, _UNSET, columns.get(EXACT_KEY, _UNSET), {})
+            self._accept(positional, MISSING, columns.get(EXACT_KEY, MISSING), {})
         if "timestamp" in columns:
-            columns = self._accept((), columns.pop("timestamp"), _UNSET, columns)
+            columns = self._accept((), columns.pop("timestamp"), MISSING, columns)
         for rows in bulk.encode(_ts, columns, self.name, self._head):
             self._journal.add_many(rows.records, rows.starts, self.name, rows.last_s, is_uniform=rows.is_uniform)
         if self._journal.eager is not None:
@@ -193,7 +192,7 @@ class Topic:
         try:
             time_s = self._time(fields.pop(TIME_KEY, MISSING), last_s)
             if "timestamp" in fields or EXACT_KEY in fields:
-                fields = self._accept((), fields.pop("timestamp", _UNSET), fields.get(EXACT_KEY, _UNSET), fields)
+                fields = self._accept((), fields.pop("timestamp", MISSING), fields.get(EXACT_KEY, MISSING), fields)
             return self._encode(fields, time_s), time_s
         except (TypeError, ValueError) as error:
             raise type(error)(f"row {index} of the batch: {error}") from error
@@ -212,7 +211,7 @@ class Topic:
                 f"append() on topic {self.name!r} takes its fields by name, as in append(q=..., _ts=...); got"
                 f" {len(positional)} positional argument(s){instead}"
             )
-        if exact_key is not _UNSET:
+        if exact_key is not MISSING:
             raise FieldError(f"append() on topic {self.name!r}: the field name {EXACT_KEY!r} is reserved; rename it")
         return self._with_timestamp_field(timestamp, fields)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ml_dash_mcap import Experiment, Recorder, recordings
+from ml_dash_mcap import Experiment, Recorder, Recording, Session, recordings
 from ml_dash_mcap.catalog import CatalogEntry, is_recording
 from ml_dash_mcap.errors import MissingRecordingError
 from tests.support.files import save
@@ -38,6 +38,23 @@ def test_recordings_come_by_path_hidden_folders_and_other_files_left_out(tmp_pat
     (tmp_path / "notes").mkdir()
     (tmp_path / "notes/x.txt").touch()
     assert list(status(tmp_path)) == ["a", "b/one", "b/one/deeper", "b/two"]
+
+
+def test_the_folders_that_runs_are_recorded_to_by_default_are_not_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with Experiment("alice/franka/demo").run as exp:
+        exp.tracks("arm").append(**ROW[0])
+    with Session("demo", "robotics") as session:
+        session.track("arm").append(**ROW[0])
+    save(tmp_path / "lab/.dash/bob/ur5/demo/a.mcap", [{"arm": ROW}])
+    save(tmp_path / ".git/a.mcap", [{"arm": ROW}])
+    wanted = [".dash/alice/franka/demo", ".dreamlake/robotics/demo", "lab/.dash/bob/ur5/demo"]
+    assert list(status(tmp_path)) == wanted
+    assert [str(entry.path) for entry in recordings(".")] == wanted
+    with pytest.raises(MissingRecordingError, match=r"below it: \.dash/alice/franka/demo, \.dreamlake/robotics/demo"):
+        Recording(tmp_path)
 
 
 def test_a_status_is_how_the_run_ended_or_that_it_has_not(tmp_path: Path) -> None:

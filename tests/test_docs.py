@@ -170,6 +170,28 @@ def test_a_signature_in_the_reference_is_that_of_the_code(function: Any, inside:
             assert ast.literal_eval(has_default[one.name]) == one.default, one.name
 
 
+def public_functions() -> list[Any]:
+    """Return every public function and method, special ones included."""
+    functions = [one for one in EXPORTED if inspect.isfunction(one)]
+    methods = [(cls.__name__, name, one) for cls in CLASSES for name, one in inspect.getmembers(cls, callable)]
+    return [
+        *(pytest.param(one, id=one.__name__) for one in functions),
+        *(
+            pytest.param(one, id=f"{cls}.{name}")
+            for cls, name, one in methods
+            if inspect.isfunction(inspect.unwrap(one)) and "ml_dash_mcap" in one.__module__
+        ),
+    ]
+
+
+@pytest.mark.parametrize("function", public_functions())
+def test_help_shows_defaults_that_a_reader_understands(function: Any) -> None:
+    said = str(inspect.signature(function))
+    assert " at 0x" not in said
+    assert "<object" not in said
+    assert "<function" not in said
+
+
 def test_the_reference_has_every_error() -> None:
     tree = [found for found in vars(errors).values() if inspect.isclass(found) and found.__module__ == errors.__name__]
     mentioned = names_in(text_of(DOCS / "reference.md"))

@@ -2,9 +2,11 @@
 
 import math
 import shutil
+from collections.abc import Mapping
 
 import pytest
 
+from ml_dash_mcap import Recorder
 from ml_dash_mcap.errors import (
     DamagedFileError,
     FormatError,
@@ -297,3 +299,63 @@ def test_a_recording_may_be_moved_away_while_it_is_open(run, tmp_path):
     recording = Recording(run)
     shutil.move(run, tmp_path / "elsewhere")
     assert recording["robot"].read()["count"] == 6
+
+
+# A recording as a mapping
+
+
+def test_a_recording_is_a_mapping_from_the_names_of_topics_to_their_readers(run):
+    with Recording(run) as rec:
+        assert isinstance(rec, Mapping)
+        assert list(rec) == list(rec.keys()) == list(rec.topics) == ["imu", "robot"]
+        assert len(rec) == 2
+        assert rec
+        assert {name: list(topic) for name, topic in rec.items()} == {name: list(rec[name].rows()) for name in rec}
+        assert [topic.name for topic in rec.values()] == ["imu", "robot"]
+        assert {**rec}.keys() == dict(rec).keys() == {"imu", "robot"}
+        assert rec.get("robot").name == "robot"
+        assert rec.get("nothing") is None
+        assert rec.get("nothing", 5) == 5
+        assert rec.keys() >= {"robot"}
+        assert "nothing" not in rec
+        assert 3 not in rec
+        with pytest.raises(KeyError, match="did you mean 'robot'"):
+            rec["robto"]
+        with pytest.raises(KeyError):
+            rec[0]
+
+
+def test_the_librarys_own_topics_are_there_by_name_and_not_iterated(run):
+    with Recording(run) as rec:
+        assert "ml_dash/log" in rec
+        assert rec["ml_dash/log"].info.count == 1
+        assert not [name for name in rec if name.startswith("ml_dash/")]
+
+
+def test_two_recordings_are_equal_if_they_are_one_object_and_can_be_keys(run):
+    with Recording(run) as rec, Recording(run) as other:
+        assert rec == rec
+        assert rec != other
+        assert rec != dict(rec)
+        assert {rec: "first", other: "second"}[rec] == "first"
+
+
+def test_a_closed_recording_is_no_mapping_any_more(run):
+    with Recording(run) as rec:
+        names = iter(rec)
+    assert list(names) == ["imu", "robot"], "the names were looked up before"
+    for call in (lambda: list(rec), lambda: len(rec), lambda: rec.get("robot"), lambda: list(rec.items())):
+        with pytest.raises(StateError, match="open it again"):
+            call()
+
+
+def test_a_recording_that_grows_has_its_new_topics_after_a_refresh(tmp_path):
+    with Recorder(tmp_path) as recorder:
+        recorder.topic("a").append(n=1, _ts=0.0)
+        recorder.flush()
+        with Recording(tmp_path) as rec:
+            assert list(rec) == ["a"]
+            recorder.topic("b").append(n=1, _ts=1.0)
+            recorder.flush()
+            rec.refresh()
+            assert list(rec) == ["a", "b"]

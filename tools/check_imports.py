@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent / PACKAGE
 
 FLOORS: list[set[str]] = [
     {"version", "errors", "clock", "layout", "suggestions", "time_hints"},
-    {"options", "timestamps", "paths", "definitions", "lookup", "annotations"},
+    {"options", "timestamps", "paths", "run_folders", "definitions", "lookup", "annotations"},
     {"rows"},
     {"ros", "mocap"},
     {"write", "read"},

@@ -31,6 +31,8 @@ def run(arguments: argparse.Namespace) -> int:
     entries = list(catalog.recordings(arguments.path))
     if arguments.json:
         output.print_json([_facts(entry) for entry in entries])
+    elif not entries:
+        print(f"no recordings in {arguments.path}, nor below it")
     else:
         headings = ["recording", "status", "start", "duration", "topics", "size"]
         rows = [_cells(entry, arguments.path) for entry in entries]

@@ -9,12 +9,12 @@ from typing import Any
 from ..recovery import Recovered, recover
 from . import output
 
-SUMMARY = "make whole what a crashed recorder left in a run's folder"
+SUMMARY = "make whole what crashed recorders left in a folder and in those below"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Say which arguments it takes."""
-    parser.add_argument("path", metavar="PATH", help="the run's folder")
+    parser.add_argument("path", metavar="PATH", help="the run's folder, or a folder of many")
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
+from itertools import islice
 from pathlib import Path
 
 from ..errors import MissingRecordingError
-from ..layout import ACTIVE_SUFFIX, SEGMENT_SUFFIX
+from ..layout import ACTIVE_SUFFIX
+from ..run_folders import is_segment, runs_below
 
 _SEARCH_DEPTH = 4
 _NAMED = 5
@@ -29,7 +31,7 @@ def segments(path: Path) -> list[Path]:
     found: dict[str, Path] = {}
     for name in sorted(os.listdir(path)):  # "x.mcap" comes before "x.mcap.active" and wins
         stem = name.removesuffix(ACTIVE_SUFFIX)
-        if stem.endswith(SEGMENT_SUFFIX) and not name.startswith("."):
+        if is_segment(name):
             found.setdefault(stem, path / name)
     if not found:
         _refuse_parent(path)
@@ -45,12 +47,5 @@ def _refuse_parent(path: Path) -> None:
 
 
 def _recordings_below(path: Path) -> list[str]:
-    found: list[str] = []
-    for folder, names, files in os.walk(path):
-        depth = len(Path(folder).relative_to(path).parts)
-        names[:] = sorted(name for name in names if not name.startswith(".")) if depth < _SEARCH_DEPTH else []
-        if depth and any(name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX) for name in files):
-            found.append(Path(folder).relative_to(path).as_posix())
-            if len(found) > _NAMED:
-                break
-    return found
+    below = (folder for folder in runs_below(path, depth=_SEARCH_DEPTH) if folder != path)
+    return [folder.relative_to(path).as_posix() for folder in islice(below, _NAMED + 1)]

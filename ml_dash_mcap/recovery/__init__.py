@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import MissingRecordingError
 from ..layout import SESSION_GLOB
 from ..options import RecorderOptions
+from ..run_folders import runs_below
 from ..version import LIBRARY
 from ..write.blocks import STAMP, BlockWriter
 from ..write.channels import ChannelInfo
@@ -50,19 +51,28 @@ class Recovered:
 
 
 def recover(path: str | Path) -> Recovered:
-    """Recover what dead recorders left in a run's folder; leave alone what living ones are writing.
+    """Recover what dead recorders left in a run's folder, and in those below; leave alone what living ones are writing.
 
-    `Recorder` and `Recording` do this when they open a folder. Nothing is lost if it is interrupted.
+    `Recorder` and `Recording` do this to their own folder when they open it. Nothing is lost if it is interrupted.
 
     Args:
-        path: The run's folder.
+        path: The run's folder, or a folder of many, such as ".dash".
 
     Raises:
         MissingRecordingError: There is no such folder.
     """
     folder = Path(path).expanduser()
     if not folder.is_dir():
-        raise MissingRecordingError(errno.ENOENT, "no recording here", str(path))
+        what = "is a file; pass its folder" if folder.is_file() else "no recording here"
+        raise MissingRecordingError(errno.ENOENT, what, str(path))
+    done = Recovered()
+    for run_folder in runs_below(folder):
+        done += recover_folder(run_folder)
+    return done
+
+
+def recover_folder(folder: Path) -> Recovered:
+    """Recover what dead recorders left in one run's folder, not in those below; see `recover`."""
     done = Recovered()
     for session_file in sorted(folder.glob(SESSION_GLOB)):
         if session_file.is_symlink() or not session_file.is_file():

@@ -20,6 +20,7 @@ from mcap.writer import Writer
 from ml_dash_mcap import Experiment, Recorder, Recording
 from ml_dash_mcap.cli import main
 from ml_dash_mcap.export import EXPORTERS
+from tests.support import disk
 from tests.support.files import draft, finished, save
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -140,6 +141,12 @@ def test_ls_shows_what_is_damaged_and_exits_with_3(run: Path, tmp_path: Path, ca
     assert "damaged: " in said[2]
 
 
+def test_ls_says_when_there_is_nothing(tmp_path: Path, capsys: Capture) -> None:
+    assert main(["ls", str(tmp_path)]) == 0
+    assert capsys.readouterr().out == f"no recordings in {tmp_path}, nor below it\n"
+    assert facts(capsys, "ls", tmp_path) == []
+
+
 # cat
 
 
@@ -235,6 +242,25 @@ def test_recover_makes_a_crashed_run_whole(tmp_path: Path, capsys: Capture) -> N
     assert capsys.readouterr().out == "nothing to recover\n"
     with Recording(tmp_path / "run") as rec:
         assert rec.topics["robot"].count == 1000
+
+
+def test_recover_makes_all_runs_below_a_folder_whole_and_leaves_a_living_one_alone(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    dead = [tmp_path / ".dash/alice/franka/first", tmp_path / ".dash/alice/franka/second", tmp_path / ".dash/alice"]
+    for folder in dead:
+        crash(folder)
+    with Recorder(tmp_path / ".dash/alice/franka") as living:
+        living.topic("robot").append(step=0, _ts=0.0)
+        living.flush()
+        assert all(list(folder.glob("*.active")) for folder in dead), "opening a recording recovers that one only"
+        said = facts(capsys, "recover", tmp_path)
+        assert sorted({str(Path(path).parent) for path in said["finished"]}) == sorted(map(str, dead))
+        assert (said["rows"], said["lost_bytes"], said["left"]) == (1500, 0, [])
+        living.topic("robot").append(step=1, _ts=1.0)
+    for folder in dead:
+        assert [row["step"] for row in disk.rows(folder)["robot"]] == list(range(1000))
+    assert [row["step"] for row in disk.rows(tmp_path / ".dash/alice/franka")["robot"]] == [0, 1]
 
 
 @pytest.mark.breaks_files
