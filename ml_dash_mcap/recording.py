@@ -29,6 +29,7 @@ from .lookup import Lookup, not_found
 from .read import about, attachments, counts, episodes, gaps, overview, rows, topics
 from .read.attachments import Attachments
 from .read.check import check
+from .read.decoding import decoding
 from .read.episodes import Episode
 from .read.file import File
 from .read.findings import Report
@@ -64,7 +65,13 @@ class Recording(Mapping[str, TopicReader]):
     """
 
     def __init__(
-        self, path: str | Path | Iterable[str | Path], *, on_damage: str = "raise", limits: Limits | None = None
+        self,
+        path: str | Path | Iterable[str | Path],
+        *,
+        on_damage: str = "raise",
+        limits: Limits | None = None,
+        definitions: Mapping[str, str | Path] | None = None,
+        on_unknown: str = "bytes",
     ) -> None:
         """Open a recording.
 
@@ -74,12 +81,18 @@ class Recording(Mapping[str, TopicReader]):
             on_damage: "raise" a DamagedFileError where a file is damaged, or "skip" what cannot be read and note it in
                 `losses`. A file that is no MCAP file can be skipped too, unless it is all that was asked for.
             limits: How much memory the files may ask for; None for the defaults, which suit files from outside.
+            definitions: ROS types to their definitions, as text or the path of a `.msg` or `.idl` file: of types that
+                the files do not define, or instead of what they say.
+            on_unknown: What comes of messages that cannot be decoded: "bytes" for rows that have them as `data`, and an
+                UndecodedWarning; "skip" for no rows, and the warning; "raise" for an EncodingError where rows of that
+                topic are asked for, and a DamagedFileError where one message is not what its schema says.
 
         Raises:
             MissingRecordingError: There is none; also a FileNotFoundError.
             DamagedFileError: A file is no MCAP file, or a finished one is broken.
-            OptionError: `on_damage` is neither; also a ValueError.
+            OptionError: An option has a value that it cannot have; also a ValueError.
         """
+        how = decoding(definitions, on_unknown)
         if on_damage not in ("raise", "skip"):
             raise OptionError(f'on_damage={on_damage!r} is neither "raise" nor "skip"')
         given = [path] if isinstance(path, (str, Path)) else list(path)
@@ -96,7 +109,7 @@ class Recording(Mapping[str, TopicReader]):
                 _fold_in_leftovers(one)
         try:
             opened = [self._as_recording(one) for one in paths]
-            self._segments = Segments(opened, limits or Limits(), salvages=on_damage == "skip")
+            self._segments = Segments(opened, limits or Limits(), salvages=on_damage == "skip", decoding=how)
         except BaseException:
             self._remove_converted()
             raise

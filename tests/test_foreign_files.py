@@ -288,11 +288,10 @@ def test_one_type_name_may_mean_other_fields_in_another_channel_and_file(tmp_pat
         ("cdr", "ros2msg", b"float64 x", b"\0\1\0\0\0", "it ends, after 5 bytes, before its definition does"),
         ("cdr", "ros2msg", b"float32 x", b"\0\1\0\0" + bytes(9), "it is 13 bytes long and its definition ends after 8"),
         ("ros1", "ros1msg", b"string s", b"\xff\0\0\0a", "255 bytes follow byte 4, and 1 do"),
-        ("ros1", "ros1msg", b"string s", b"\1\0\0\0\xff", "codec can't decode"),
         ("protobuf", "protobuf", protobuf_messages.descriptor_set(), b"\xff\xff", "pars"),
     ],
 )
-def test_a_message_that_contradicts_its_schema_is_damage_with_its_place(
+def test_a_message_that_contradicts_its_schema_is_bytes_or_damage_with_its_place(
     tmp_path: Path, encoding, schema, data, payload, why
 ) -> None:
     with (tmp_path / "a.mcap").open("wb") as file:
@@ -302,6 +301,13 @@ def test_a_message_that_contradicts_its_schema_is_damage_with_its_place(
         writer.add_message(writer.register_channel("/t", encoding, described), 7, payload, 7)
         writer.finish()
     with Recording(tmp_path / "a.mcap") as recording:
+        what = rf"topic '/t' has a message of {len(payload)} bytes that is no test.Everything in {encoding}: .*{why}"
+        with pytest.warns(UndecodedWarning, match=what):
+            assert list(recording["/t"].rows()) == [{"data": payload, "_ts": 7e-9}]
+        assert recording["/t"].to_arrow().column("data").to_pylist() == [payload]
+    with Recording(tmp_path / "a.mcap", on_unknown="skip") as recording, pytest.warns(UndecodedWarning, match=what):
+        assert list(recording["/t"].rows()) == []
+    with Recording(tmp_path / "a.mcap", on_unknown="raise") as recording:
         for read in (lambda: list(recording["/t"].rows()), recording["/t"].to_arrow, recording["/t"].read):
             with pytest.raises(
                 DamagedFileError, match=rf"byte \d+: a message of topic '/t' at 7 ns .* not {encoding}: .*{why}"
@@ -318,9 +324,19 @@ def test_a_broken_schema_is_an_error_for_its_topic_alone(tmp_path: Path) -> None
             schema = writer.register_schema(f"p{topic}", "ros1msg", text)
             writer.add_message(writer.register_channel(topic, "ros1", schema), 7, bytes(4), 7)
         writer.finish()
+    what = r"topic '/bad': its schema 'p/bad' is no ros1msg .* of type 'B'"
     with Recording(tmp_path / "a.mcap") as recording:
+        assert list(recording["/good"].rows()) == [{"x": 0, "_ts": 7e-9}]
+        assert recording.topics["/bad"].count == 1
+        with pytest.warns(UndecodedWarning, match=what + r".*its rows have the bytes of each as 'data'; pass def"):
+            assert list(recording["/bad"].rows()) == [{"data": bytes(4), "_ts": 7e-9}]
+    with Recording(tmp_path / "a.mcap", on_unknown="raise") as recording:
         assert list(recording["/good"].rows()) == [{"x": 0, "_ts": 7e-9}]
         assert (recording.topics["/bad"].count, dict(recording.topics["/bad"].fields)) == (1, {})
         for read in (lambda: list(recording["/bad"].rows()), recording["/bad"].to_arrow):
-            with pytest.raises(EncodingError, match=r"topic '/bad': its schema 'p/bad' is no ros1msg .* of type 'B'"):
+            with pytest.raises(EncodingError, match=what):
                 read()
+    with Recording(tmp_path / "a.mcap", definitions={"p/bad": "B b", "p/B": "uint16[2] n"}) as recording:
+        assert list(recording["/bad"].rows()) == [{"b": {"n": [0, 0]}, "_ts": 7e-9}]
+    with Recording(tmp_path / "a.mcap", definitions={"p/msg/B": ""}) as recording:
+        assert list(recording["/bad"].rows()) == [{"x": 0, "b": {}, "_ts": 7e-9}]

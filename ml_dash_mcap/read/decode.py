@@ -5,57 +5,119 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import orjson
 
-from ..errors import EncodingError, UndecodedWarning
+from ..errors import ConversionWarning, EncodingError, UndecodedWarning
 from ..ros import decode as ros_decode
+from ..ros import distros
+from ..ros.distros import Likely
+from ..ros.supply import Supply
 from ..rows import depth
 from ..rows.encode import EXACT_KEY, restore
+from .decoding import DEFAULT, Decoding
 from .records import Channel, Schema
 
 Row = dict[str, Any]
-Decoder = Callable[[bytes], Row]
+Decoder = Callable[[bytes], "Row | None"]
+"""Returns a message's row; None for one that is left out."""
 
 RAW_FIELD = "data"
-"""Holds the payload of messages that nobody here decodes."""
+"""Holds the payload of messages that are not decoded."""
+
+DIGEST_KEYS = {True: "md5sum", False: "topic_type_hash"}
+"""What a channel's metadata calls the hash of its type, in ROS 1 and in ROS 2."""
 
 _NO_SCHEMA = Schema(0, "", "", b"")
 
 
-def decoder(channel: Channel, schema: Schema | None) -> Decoder:
+@dataclass(frozen=True, slots=True)
+class _Case:
+    """A channel whose messages are to be decoded."""
+
+    channel: Channel
+    schema: Schema
+    decoding: Decoding
+    likely: Callable[[], Likely]
+
+    def warn(self, category: type[Warning], what: str) -> None:
+        warnings.warn(f"topic {self.channel.topic!r}{what}", category, stacklevel=2)
+
+    def give_up(self, why: str, hint: str = "") -> Decoder:
+        """Return what stands for a decoder where there is none, and tell the user.
+
+        Raises:
+            EncodingError: The user wants it so.
+        """
+        how = self.decoding.on_unknown
+        if how == "raise":
+            raise EncodingError(f"topic {self.channel.topic!r}{why}{hint}")
+        if how == "skip":
+            self.warn(UndecodedWarning, f"{why}; it is left out{hint}")
+            return _leave_out
+        self.warn(UndecodedWarning, f"{why}; its rows have the bytes of each as {RAW_FIELD!r}{hint}")
+        return _decode_nothing
+
+    def misfit(self) -> Callable[[bytes, Exception], Row | None]:
+        """Return what takes a message that is not what its schema says; the user is told of the first one."""
+        odd: list[Decoder] = []
+
+        def take(payload: bytes, why: Exception) -> Row | None:
+            if not odd:
+                encoding = self.channel.message_encoding
+                what = f" has a message of {len(payload)} bytes that is no {self.schema.name} in {encoding}: {why}"
+                odd.append(self.give_up(f"{what}; such a message is not decoded"))
+            return odd[0](payload)
+
+        return take
+
+
+def decoder(
+    channel: Channel,
+    schema: Schema | None,
+    decoding: Decoding = DEFAULT,
+    likely: Callable[[], Likely] = distros.likely,
+) -> Decoder:
     """Return the function that turns a channel's payloads into rows.
 
     It raises a `ValueError` for a payload that is not in the encoding that the channel announces. Rows of an encoding
-    that nobody here decodes have the payload as their only field; an `UndecodedWarning` says so.
+    that nobody here decodes, or whose schema cannot be used, have the payload as their only field; an
+    `UndecodedWarning` says so. So has a ROS message that is not what its definition says.
+
+    Args:
+        channel: The channel.
+        schema: Its schema.
+        decoding: What to do with messages that these do not say enough of.
+        likely: Returns the distributions of ROS 2 that they may come from; called where a definition is missing.
 
     Raises:
-        EncodingError: The channel's schema is broken.
+        EncodingError: The messages cannot be decoded, and that is to be an error.
     """
-    described = schema or _NO_SCHEMA
+    case = _Case(channel, schema or _NO_SCHEMA, decoding, likely)
     make = DECODERS.get(channel.message_encoding)
+    described = f" has messages in the encoding {channel.message_encoding!r} with a schema in {case.schema.encoding!r}"
     try:
-        found = make(described) if make is not None else None
+        found = make(case) if make is not None else None
     except EncodingError as error:
-        what = f"its schema {described.name!r} is no {described.encoding} that can be used"
-        raise EncodingError(f"topic {channel.topic!r}: {what}: {error}") from error
-    if found is not None:
-        return found
-    warnings.warn(
-        f"topic {channel.topic!r} has messages in the encoding {channel.message_encoding!r} with a schema in"
-        f" {described.encoding!r}, which is not decoded: its rows have the bytes of each as {RAW_FIELD!r}",
-        UndecodedWarning,
-        stacklevel=2,
-    )
-    return _decode_nothing
+        name = case.schema.name
+        hint = f"; pass definitions={{{name!r}: <its .msg text>}} to decode it" if make in _ROS else ""
+        if not case.schema.encoding:
+            return case.give_up(f"{described}, of the type {name!r}: {error}", hint)
+        return case.give_up(f": its schema {name!r} is no {case.schema.encoding} that can be used: {error}", hint)
+    return found or case.give_up(f"{described}, which is not decoded")
 
 
 def _decode_nothing(payload: bytes) -> Row:
     return {RAW_FIELD: payload}
 
 
-def _json_decoder(schema: Schema) -> Decoder:
+def _leave_out(payload: bytes) -> None:
+    return None
+
+
+def _json_decoder(case: _Case) -> Decoder:
     return decode_json
 
 
@@ -82,31 +144,65 @@ def _decode_lenient(payload: bytes) -> Any:
     return json.loads(payload) if payload.strip() else {}
 
 
-def _protobuf_decoder(schema: Schema) -> Decoder | None:
-    if schema.encoding != "protobuf":
+def _protobuf_decoder(case: _Case) -> Decoder | None:
+    if case.schema.encoding != "protobuf":
         return None
     from . import protobuf  # which loads google.protobuf
 
-    return protobuf.decoder(schema.name, schema.data)
+    decode = protobuf.decoder(case.schema.name, case.schema.data)
+    if case.decoding.on_unknown == "raise":
+        return decode
+    misfit = case.misfit()
+
+    def decode_or_carry(payload: bytes) -> Row | None:
+        try:
+            return decode(payload)
+        except (ValueError, RecursionError) as error:
+            return misfit(payload, error)
+
+    return decode_or_carry
 
 
-def _ros1_decoder(schema: Schema) -> Decoder | None:
-    return _ros_decoder(schema, is_ros1=True) if schema.encoding == "ros1msg" else None
+def _ros1_decoder(case: _Case) -> Decoder | None:
+    return _ros_decoder(case, is_ros1=True) if _describes_ros(case.schema, ("ros1msg",)) else None
 
 
-def _cdr_decoder(schema: Schema) -> Decoder | None:
-    return _ros_decoder(schema) if schema.encoding in ("ros2msg", "ros2idl", "omgidl") else None
+def _cdr_decoder(case: _Case) -> Decoder | None:
+    return _ros_decoder(case, is_ros1=False) if _describes_ros(case.schema, ("ros2msg", "ros2idl", "omgidl")) else None
 
 
-def _ros_decoder(schema: Schema, *, is_ros1: bool = False) -> Decoder:
+def _describes_ros(schema: Schema, encodings: tuple[str, ...]) -> bool:
+    """Whether a schema is in one of some languages, or names a type of which the recorder knew no definition."""
+    return schema.encoding in encodings or (not schema.encoding and not schema.data and "/" in schema.name)
+
+
+def _ros_decoder(case: _Case, *, is_ros1: bool) -> Decoder:
+    channel, schema = case.channel, case.schema
+    digest = channel.metadata.get(DIGEST_KEYS[is_ros1], "")
+    supply = Supply(case.decoding.definitions, case.likely(), is_ros1, digest)
     text = schema.data.decode(errors="replace")  # comments may be in anything
-    return ros_decode.decoder(schema.name, schema.encoding, text, is_ros1=is_ros1)
+
+    def replaced() -> None:
+        case.warn(
+            UndecodedWarning, " has texts that are no UTF-8: what is wrong in them is U+FFFD in its rows, as ROS has it"
+        )
+
+    carries = case.decoding.on_unknown != "raise"
+    described = (schema.name, schema.encoding, text)
+    decode = ros_decode.decoder(
+        *described, is_ros1=is_ros1, supply=supply, replaced=replaced, misfit=case.misfit() if carries else None
+    )
+    for guess in ros_decode.definition(*described, supply).guesses:
+        case.warn(ConversionWarning, f": {guess}; pass definitions={{{schema.name!r}: <its .msg text>}} to say it")
+    return decode
 
 
-DECODERS: Mapping[str, Callable[[Schema], Decoder | None]] = {
+_ROS = (_ros1_decoder, _cdr_decoder)
+
+DECODERS: Mapping[str, Callable[[_Case], Decoder | None]] = {
     "json": _json_decoder,
     "protobuf": _protobuf_decoder,
     "ros1": _ros1_decoder,
     "cdr": _cdr_decoder,
 }
-"""Message encoding to what makes a decoder for a schema; None for a schema in a language that does not go with it."""
+"""Message encoding to what makes a decoder for a channel; None for a schema in a language that does not go with it."""

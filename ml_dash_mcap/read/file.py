@@ -10,9 +10,11 @@ import numpy as np
 
 from ..errors import DamagedFileError
 from ..layout import ACTIVE_SUFFIX
+from ..ros.distros import Likely
 from . import chunk as chunks
-from . import limits, records
+from . import decoding, distribution, limits, records
 from .chunk import Messages
+from .decoding import Decoding
 from .fields import Bytes, Fields
 from .index import FileIndex, Glance
 from .load import glance, load
@@ -28,7 +30,14 @@ class File:
     Any thread may read; one at a time refreshes.
     """
 
-    def __init__(self, path: Path, limits_: limits.Limits = limits.DEFAULT, *, salvages: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        limits_: limits.Limits = limits.DEFAULT,
+        *,
+        salvages: bool = False,
+        decoding_: Decoding = decoding.DEFAULT,
+    ) -> None:
         """Open a file and index it.
 
         Args:
@@ -36,6 +45,7 @@ class File:
             limits_: For what is read of it.
             salvages: Whether to leave out what is damaged, and note it in `losses`, rather than to raise. What is no
                 MCAP file is an error all the same.
+            decoding_: How its messages become rows.
 
         Raises:
             MissingRecordingError: There is no such file.
@@ -46,6 +56,7 @@ class File:
         self.source: Source = LocalFile(path, stays_open=is_new)
         self.limits = limits_
         self.salvages = salvages
+        self.decoding = decoding_
         self._losses = Losses()
         self._metadata: dict[int, records.Metadata | None] = {}
         self._unpacking = Unpacking(self.source, limits_)
@@ -168,6 +179,11 @@ class File:
             raise error
         loss = Loss(self.path, error.offset, error.what, 1)
         self._losses.add_message((error.offset, "message", channel_id), message, loss)
+
+    def likely_distribution(self, channel: records.Channel) -> Likely:
+        """Return the distributions of ROS 2 that a channel may come from."""
+        named = (self._read_metadata(entry) for entry in self.glance.metadata if entry.name == distribution.RECORD)
+        return distribution.likely(channel, [record for record in named if record is not None], self.path)
 
     def close(self) -> None:
         """Close the file. May be called twice."""

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import orjson
 
 from .. import clock
-from ..errors import DamagedFileError, EncodingError, RangeError
+from ..errors import DamagedFileError, RangeError
 from ..layout import KIND_KEY, TRACK
 from ..rows import depth
 from ..rows.encode import EXACT_KEY, TIME_KEY
@@ -143,11 +143,11 @@ def decode(
         decoders: Of the channels met so far; gets new ones.
 
     Yields:
-        A row for each message; None for one that is lost, where the file is to be salvaged.
+        A row for each message; None for one that is lost or left out, where that is wanted.
 
     Raises:
         DamagedFileError: A payload is not in the encoding that its channel announces.
-        EncodingError: Nothing here decodes that encoding.
+        EncodingError: The messages cannot be decoded, and that is to be an error.
     """
     key = key_of(origin)
     decode_one = decoders.get(key)
@@ -185,6 +185,9 @@ def _one_by_one(
             _lose(origin, payload, time_ns, error)
             yield None
             continue
+        if row is None:
+            yield None
+            continue
         time = row.get(TIME_KEY)
         if type(time) is not float or not abs(time * 1e9 - time_ns) <= TOLERANCE_NS:
             _set_time(row, time, time_ns)
@@ -192,18 +195,9 @@ def _one_by_one(
 
 
 def _decoder(origin: Origin) -> Decoder:
-    """Return what decodes a channel's messages; a broken schema loses each of them, where that is allowed."""
-    try:
-        return decoder(origin.channel, origin.file.index.schema_of(origin.channel))
-    except EncodingError as error:
-        if not origin.file.salvages:
-            raise
-        what = str(error)
-
-    def refuse(payload: bytes) -> Row:
-        raise EncodingError(what)
-
-    return refuse
+    """Return what decodes a channel's messages."""
+    file, channel = origin.file, origin.channel
+    return decoder(channel, file.index.schema_of(channel), file.decoding, lambda: file.likely_distribution(channel))
 
 
 def _lose(origin: Origin, payload: bytes, time_ns: int, error: Exception) -> None:

@@ -7,7 +7,9 @@ from pathlib import Path
 
 from ..errors import DamagedFileError, MissingRecordingError
 from ..layout import ACTIVE_SUFFIX
+from . import decoding as decodings
 from . import folder
+from .decoding import Decoding
 from .file import File
 from .limits import DEFAULT, Limits
 from .losses import Loss, Losses
@@ -21,7 +23,14 @@ class Segments:
         files: In the order of writing.
     """
 
-    def __init__(self, paths: Sequence[Path], limits: Limits = DEFAULT, *, salvages: bool = False) -> None:
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        limits: Limits = DEFAULT,
+        *,
+        salvages: bool = False,
+        decoding: Decoding = decodings.DEFAULT,
+    ) -> None:
         """Open what is there.
 
         Args:
@@ -29,6 +38,7 @@ class Segments:
             limits: For what is read of a file.
             salvages: Whether to leave out what is damaged, and note it, rather than to raise; also a file that is no
                 MCAP file, unless it is the only one that was asked for.
+            decoding: How messages become rows.
 
         Raises:
             MissingRecordingError: Nothing is.
@@ -37,6 +47,7 @@ class Segments:
         self._paths = list(paths)
         self._limits = limits
         self._salvages = salvages
+        self._decoding = decoding
         self._refused = Losses()
         self.files: list[File] = []
         try:
@@ -98,11 +109,12 @@ class Segments:
 
     def _open_there(self, path: Path) -> File:
         try:
-            return File(path, self._limits, salvages=self._salvages)
+            return File(path, self._limits, salvages=self._salvages, decoding_=self._decoding)
         except MissingRecordingError:
             if _stem(path) == path:
                 raise
-            return File(_stem(path), self._limits, salvages=self._salvages)  # finished between listing and opening
+            # finished between listing and opening
+            return File(_stem(path), self._limits, salvages=self._salvages, decoding_=self._decoding)
 
 
 def _present_at(path: Path) -> list[Path]:

@@ -7,7 +7,22 @@ from collections.abc import Iterator, Mapping
 
 from ..errors import EncodingError
 from . import definitions, interfaces
-from .message_types import STRING, Array, Basic, Definitions, Fields, Named, Type, canonical
+from .definitions import Find, Found, closure, nowhere
+from .message_types import (
+    APPENDABLE,
+    MUTABLE,
+    STRING,
+    Array,
+    Basic,
+    Definitions,
+    Fields,
+    Named,
+    Optional,
+    Type,
+    Undecoded,
+    canonical,
+    shortened,
+)
 
 _SECTION = re.compile(r"^={3,}[ \t]*\r?\n(?:IDL:[^\n]*\n)?|^IDL:[^\n]*\n", re.MULTILINE)
 _TOKEN = re.compile(
@@ -43,32 +58,31 @@ _BASIC: Mapping[str, str] = {
 }
 """https://design.ros2.org/articles/idl_interface_definition.html, section "Basic types"."""
 
-_ENUM = Basic("uint32")
-_REFUSED = frozenset({"wstring", "wchar", "long double", "map", "fixed", "any", "union"})
+_MOST_BASES = 100
+_ENUMS = {1: "uint8", 2: "uint16", 4: "uint32"}
+"""Bytes of an enumeration, to the number that stands for it."""
+_KINDS = {"final": "final", "appendable": APPENDABLE, "extensible": APPENDABLE, "mutable": MUTABLE}
+"""Annotations that say whether a struct can grow (https://www.omg.org/spec/DDS-XTypes/1.3, section 7.3.1.2.1.8)."""
+_NOT_DECODED = frozenset({"wstring", "wchar", "long double", "map", "fixed", "any"})
 
 
-def parse(name: str, text: str) -> Definitions:
+def parse(name: str, text: str, *, is_ros: bool = True, find: Find = nowhere) -> Definitions:
     """Read a definition and those that it needs, in one text, each perhaps under a line `IDL: pkg/msg/Name`.
 
     Args:
         name: Of the message.
         text: IDL.
+        is_ros: Whether a struct without members has a byte on the wire, as ROS 2 sends it.
+        find: Looks up messages that the text lacks.
 
     Raises:
-        EncodingError: It is no IDL, uses what ROS 2 does not, or lacks a message that is used.
+        EncodingError: It is no IDL, or lacks a message that is used.
     """
-    parser = _Parser(_SECTION.sub("\n", text))
+    parser = _Parser(_SECTION.sub("\n", text), find)
     parser.read(())
     root = canonical(name)
-    messages: dict[str, Fields] = {}
-    waiting = [root]
-    while waiting:
-        current = waiting.pop()
-        if current not in messages:
-            messages[current] = parser.fields(current)
-            inner = map(definitions.message_in, messages[current].values())
-            waiting += [one for one in inner if one is not None]
-    return Definitions(root, messages)
+    messages = closure(root, parser.fields)
+    return Definitions(root, messages, parser.extensibility, is_ros)
 
 
 Scope = tuple[str, ...]
@@ -78,21 +92,59 @@ Scope = tuple[str, ...]
 class _Parser:
     """Reads tokens one by one; what it finds is in its tables, by scoped name."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, find: Find) -> None:
         self._tokens = _tokens(text)
+        self._find = find
         self._token = ""
         self._structs: dict[str, Fields] = {}
-        self._named: dict[Scope, Type | None] = {}
-        """Typedefs, enums, structs and unions; None for what ROS 2 does not use."""
+        self._bases: dict[str, str] = {}
+        """Structs to those whose members they have too."""
+        self.extensibility: dict[str, str] = {}
+        """Structs to what their annotations say of it."""
+        self._named: dict[Scope, Type] = {}
+        """Typedefs, enums, structs and unions."""
         self._constants: dict[Scope, int] = {}
         self._advance()
 
     def fields(self, message: str) -> Fields:
+        """Return a struct's members, those of its base first.
+
+        Raises:
+            EncodingError: There is no such struct.
+        """
+        found: dict[str, Type] = {}
+        current: str | None = message
+        seen: set[str] = set()
+        while current is not None:
+            own = self._own_fields(current)
+            if current in seen or len(seen) > _MOST_BASES:
+                raise EncodingError(f"{message} has itself for a base, or too many of them")
+            if double := found.keys() & own.keys():
+                raise EncodingError(f"{message} has two fields {min(double)!r}")
+            found = {**own, **found}
+            seen.add(current)
+            current = self._bases.get(current)
+        return found
+
+    def _own_fields(self, message: str) -> Fields:
         if message in self._structs:
             return self._structs[message]
-        if message in interfaces.KNOWN:
-            return definitions.parse(message, interfaces.KNOWN[message]).messages[message]
-        raise EncodingError(f"it does not define {message}")
+        same = [name for name in self._structs if message == shortened(name) or name == shortened(message)]
+        if len(same) == 1:
+            return self._structs[same[0]]
+        text = interfaces.KNOWN.get(message) or interfaces.around(message, self._structs)
+        found = Found(text) if text is not None else self._find(message)
+        if found is None:
+            raise EncodingError(f"it does not define {message}")
+        if message in found.messages:
+            return found.messages[message]
+        return definitions.parse(message, found.text, find=self._known).messages[message]
+
+    def _known(self, message: str) -> Found | None:
+        """Look up a message for a text that was looked up."""
+        if message in self._structs:
+            return Found(messages={message: self.fields(message)})
+        return self._find(message)
 
     # -- tokens --------------------------------------------------------------------------------------------------------
 
@@ -128,7 +180,7 @@ class _Parser:
 
     def read(self, scope: Scope) -> None:
         while self._token and self._token != "}":
-            self._annotations()
+            annotations = self._annotations()
             kind = self._word()
             if kind == "module":
                 inner = (*scope, self._word())
@@ -138,7 +190,7 @@ class _Parser:
                 self.read(inner)
                 self._expect("}")
             elif kind == "struct":
-                self._struct((*scope, self._word()))
+                self._struct((*scope, self._word()), annotations)
             elif kind == "typedef":
                 for name, type_ in self._declared(scope):
                     scoped = (*scope, name)
@@ -146,37 +198,56 @@ class _Parser:
             elif kind == "const":
                 self._constant(scope)
             elif kind in ("enum", "union", "bitmask", "bitset"):
-                self._other(kind, (*scope, self._word()))
+                self._other(kind, scope, annotations)
             else:
                 raise EncodingError(f"its IDL has a {kind!r}, which ROS 2 does not use")
             self._expect(";")
 
-    def _annotations(self) -> None:
+    def _annotations(self) -> dict[str, str]:
+        """Read annotations; returns their names in lower case, and the first word or number of what is in brackets."""
+        found: dict[str, str] = {}
         while self._takes("@"):
-            name = self._scoped()
-            if name == ("optional",):
-                raise EncodingError("its IDL has an @optional member, which ROS 2 does not use")
+            name = self._scoped()[-1].lower()
+            found[name] = ""
             if self._takes("("):
+                found[name] = self._token.lower()
                 self._skip("(", ")")
+        return found
 
-    def _struct(self, scoped: Scope) -> None:
+    def _struct(self, scoped: Scope, annotations: Mapping[str, str]) -> None:
         message = canonical("/".join(scoped))
         self._named[scoped] = Named(message)
         if self._token == ";":
             return  # only announced
+        kinds = [_KINDS[one] for one in (annotations.get("extensibility", ""), *annotations) if one in _KINDS]
+        if kinds:
+            self.extensibility[message] = kinds[0]
+        if self._takes(":"):
+            base = self._lookup(self._scoped(), scoped[:-1])
+            if not isinstance(base, Named):
+                raise EncodingError(f"{message} has a base that is no struct")
+            self._bases[message] = base.name
         fields: dict[str, Type] = {}
         self._expect("{")
         while not self._takes("}"):
-            self._annotations()
+            is_optional = self._annotations().get("optional", "false") in ("", "true")
             for name, type_ in self._declared(scoped[:-1]):
                 if name in fields:
                     raise EncodingError(f"{message} has two fields {name!r}")
-                fields[name] = type_
+                fields[name] = Optional(type_) if is_optional else type_
             self._expect(";")
+        if message in self._structs and list(self._structs[message].items()) != list(fields.items()):
+            raise EncodingError(f"it defines {message} more than once, with other members each time")
         self._structs[message] = fields
 
-    def _other(self, kind: str, scoped: Scope) -> None:
-        self._named[scoped] = _ENUM if kind == "enum" else None
+    def _other(self, kind: str, scope: Scope, annotations: Mapping[str, str]) -> None:
+        scoped = (*scope, self._word())
+        bits = _integer(annotations.get("bit_bound", "32")) or 0
+        size = next((size for size in _ENUMS if bits <= 8 * size), None)
+        is_enum = kind == "enum" and size is not None and bits > 0
+        self._named[scoped] = (
+            Basic(_ENUMS[size or 4], is_enum=True) if is_enum else Undecoded(f"{kind} {'::'.join(scoped)}")
+        )
         while self._token and self._token != "{":
             self._advance()
         self._expect("{")
@@ -215,7 +286,7 @@ class _Parser:
             raise EncodingError("its IDL has sequences of sequences of sequences")
         if self._token == "::":
             return self._lookup(self._scoped(), scope)
-        if self._token not in ("sequence", "string", "unsigned", "long", *_BASIC, *_REFUSED):
+        if self._token not in ("sequence", "string", "unsigned", "long", *_BASIC, *_NOT_DECODED):
             return self._lookup(self._scoped(), scope)
         word = self._word()
         if word == "sequence":
@@ -230,8 +301,12 @@ class _Parser:
         if word == "string" and self._takes("<"):
             self._length(scope)
             self._expect(">")
+        if word in _NOT_DECODED:
+            if self._takes("<"):
+                self._skip("<", ">")
+            return Undecoded(word)
         if word not in _BASIC:
-            raise EncodingError(f"it has the type {word!r}, which cannot be decoded")
+            raise EncodingError(f"its IDL has the type {word!r}, which there is not")
         return Basic(_BASIC[word])
 
     def _length(self, scope: Scope) -> int:
@@ -257,10 +332,7 @@ class _Parser:
         for at in range(len(scope), -1, -1):
             scoped = (*scope[:at], *name)
             if scoped in self._named:
-                found = self._named[scoped]
-                if found is None:
-                    raise EncodingError(f"it has the type {'::'.join(name)}, which cannot be decoded")
-                return found
+                return self._named[scoped]
         return Named(canonical("/".join(name if len(name) > 1 else (*scope, *name))))
 
 

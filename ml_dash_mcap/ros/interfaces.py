@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 
 from ..errors import EncodingError
 
@@ -75,3 +75,20 @@ def _without_suffix(name: str, suffixes: Sequence[str]) -> str:
         if name.endswith("_" + suffix):
             return name.removesuffix("_" + suffix)
     return name
+
+
+def around(name: str, defined: Container[str]) -> str | None:
+    """Return the definition of a message that ROS makes of the parts of an interface; None if it is no such message.
+
+    Args:
+        name: Such as `pkg/AddTwoInts_Event`.
+        defined: The messages that are known.
+    """
+    if name.endswith("_Event"):
+        service = name.removesuffix("_Event")
+        return _event(service) if f"{service}_Request" in defined else None
+    for suffix, text in _AROUND_AN_ACTION.items():
+        base = name.removesuffix(f"_{suffix}")
+        if base != name and f"{base}_Goal" in defined:
+            return text.format(base)
+    return None

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TypeAlias
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
 STRING = "string"
 
@@ -31,6 +31,10 @@ https://design.ros2.org/articles/legacy_interface_definition.html)."""
 PLACEHOLDER = "structure_needs_at_least_one_member"
 """The field, of one byte, that ROS 2 sends for a message without fields."""
 
+APPENDABLE, MUTABLE = "appendable", "mutable"
+
+_SUBFOLDERS = frozenset({"msg", "srv", "action"})
+
 
 @dataclass(frozen=True, slots=True)
 class Basic:
@@ -38,6 +42,8 @@ class Basic:
 
     name: str
     """One of `CODES`, or `STRING`."""
+    is_enum: bool = False
+    """Whether the number is one of an enumeration, which XCDR2 tells apart in lists."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +63,22 @@ class Array:
     """How many; None where each message says so."""
 
 
-Type: TypeAlias = "Basic | Named | Array"
+@dataclass(frozen=True, slots=True)
+class Optional:
+    """A value that each message has or lacks, in which case it is None."""
+
+    of: Type
+
+
+@dataclass(frozen=True, slots=True)
+class Undecoded:
+    """What a definition may have, and nobody here decodes."""
+
+    name: str
+    """Such as "wstring"."""
+
+
+Type: TypeAlias = "Basic | Named | Array | Optional | Undecoded"
 
 Fields: TypeAlias = Mapping[str, Type]
 """A message's fields, in the order on the wire."""
@@ -70,9 +91,37 @@ class Definitions:
     root: str
     """Its name, as `canonical` has it."""
     messages: Mapping[str, Fields]
+    extensibility: Mapping[str, str] = field(default_factory=dict)
+    """Messages whose definition says whether they are "final", "appendable" or "mutable"."""
+    has_placeholders: bool = True
+    """Whether CDR has a byte for a message without fields, as ROS 2 sends it."""
+    guesses: tuple[str, ...] = ()
+    """What was taken for likely when definitions were looked up that the text lacks, in words."""
+
+    readers: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
+    """Functions that read it, by what tells them apart, once they are made."""
+
+    def has_optional(self) -> bool:
+        """Whether a field of any message may be absent."""
+        return any(isinstance(one, Optional) for fields in self.messages.values() for one in fields.values())
 
 
 def canonical(name: str) -> str:
     """Return a message's name as `package/Name`, whether `msg`, `srv` or `action` stood in between, or `::`."""
     parts = name.replace("::", "/").strip("/").split("/")
-    return parts[0] if len(parts) == 1 else f"{parts[0]}/{parts[-1]}"
+    if len(parts) > 2 and parts[-2] in _SUBFOLDERS:
+        del parts[-2]
+    return "/".join(parts)
+
+
+def innermost_of(type_: Type) -> Type:
+    """Return what a type is several of."""
+    while isinstance(type_, (Array, Optional)):
+        type_ = type_.of
+    return type_
+
+
+def shortened(name: str) -> str:
+    """Return a name without what stands between its first and its last part."""
+    parts = name.split("/")
+    return name if len(parts) < 3 else f"{parts[0]}/{parts[-1]}"

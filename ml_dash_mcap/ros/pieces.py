@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from .wire import Wire
+
 _UnpackFrom = Callable[[bytes, int], tuple[Any, ...]]
 
 
@@ -19,24 +21,30 @@ def octets(data: bytes, at: int, count: int) -> bytes:
     return data[at:end]
 
 
-def text_packed(data: bytes, at: int, count: int) -> str:
-    """Read a text of ROS 1, behind its length."""
-    end = at + count
-    if end > len(data):
-        raise _too_long(data, at, count)
-    return data[at:end].decode()
+def _text_packed(errors: str) -> Callable[[bytes, int, int], str]:
+    def text(data: bytes, at: int, count: int) -> str:
+        """Read a text of ROS 1, behind its length."""
+        end = at + count
+        if end > len(data):
+            raise _too_long(data, at, count)
+        return data[at:end].decode("utf-8", errors)
+
+    return text
 
 
-def text_aligned(data: bytes, at: int, count: int) -> str:
-    """Read a text of CDR, behind its length: its last byte is a zero. Some writers send an empty one as no bytes."""
-    if not count:
-        return ""
-    end = at + count
-    if end > len(data):
-        raise _too_long(data, at, count)
-    if data[end - 1]:
-        raise ValueError(f"the text at byte {at} does not end with a zero")
-    return data[at : end - 1].decode()
+def _text_aligned(errors: str) -> Callable[[bytes, int, int], str]:
+    def text(data: bytes, at: int, count: int) -> str:
+        """Read a text of CDR, behind its length: its last byte is a zero. Some send an empty one as no bytes."""
+        if not count:
+            return ""
+        end = at + count
+        if end > len(data):
+            raise _too_long(data, at, count)
+        if data[end - 1]:
+            raise ValueError(f"the text at byte {at} does not end with a zero")
+        return data[at : end - 1].decode("utf-8", errors)
+
+    return text
 
 
 def elements(read: Callable[[bytes, int], tuple[Any, int]], data: bytes, at: int, count: int) -> tuple[list[Any], int]:
@@ -48,17 +56,38 @@ def elements(read: Callable[[bytes, int], tuple[Any, int]], data: bytes, at: int
     return found, at
 
 
-def _texts_packed(data: bytes, at: int, count: int) -> tuple[list[str], int]:
-    found = []
-    for _ in range(count):
-        (length,) = _LITTLE(data, at)
-        at += 4
-        found.append(text_packed(data, at, length))
-        at += length
-    return found, at
+def nothings(
+    read: Callable[[bytes, int], tuple[Any, int]], weight: int, data: bytes, at: int, count: int
+) -> tuple[list[Any], int]:
+    """Read values that take no bytes, of which a message could say that it has any number."""
+    if count * weight > MOST_NOTHINGS:
+        raise ValueError(f"a list of {count} values that take no bytes; {MOST_NOTHINGS // weight} at most are read")
+    return elements(read, data, at, count)
 
 
-def _texts_aligned(unpack: _UnpackFrom) -> Callable[[bytes, int, int], tuple[list[str], int]]:
+def wrong_size(at: int, end: int) -> None:
+    """Raise an error for a value that does not end where it said."""
+    raise ValueError(f"a value ends at byte {at}, and it says that it ends at byte {end}")
+
+
+def _texts_packed(errors: str) -> Callable[[bytes, int, int], tuple[list[str], int]]:
+    text = _text_packed(errors)
+
+    def texts(data: bytes, at: int, count: int) -> tuple[list[str], int]:
+        found = []
+        for _ in range(count):
+            (length,) = _LITTLE(data, at)
+            at += 4
+            found.append(text(data, at, length))
+            at += length
+        return found, at
+
+    return texts
+
+
+def _texts_aligned(unpack: _UnpackFrom, errors: str) -> Callable[[bytes, int, int], tuple[list[str], int]]:
+    text = _text_aligned(errors)
+
     def texts(data: bytes, at: int, count: int) -> tuple[list[str], int]:
         found, size = [], len(data)
         for _ in range(count):
@@ -66,8 +95,8 @@ def _texts_aligned(unpack: _UnpackFrom) -> Callable[[bytes, int, int], tuple[lis
             (length,) = unpack(data, start - 4)
             at = start + length
             if at > size or (length and data[at - 1]):
-                text_aligned(data, start, length)  # which says what is wrong
-            found.append(data[start : at - 1].decode())
+                text(data, start, length)  # which says what is wrong
+            found.append(data[start : at - 1].decode("utf-8", errors))
         return found, at
 
     return texts
@@ -78,11 +107,30 @@ def _too_long(data: bytes, at: int, count: int) -> ValueError:
 
 
 _LITTLE = Struct("<I").unpack_from
-_SHARED = {"octets": octets, "elements": elements, "numbers": np.frombuffer}
+_BIG = Struct(">I").unpack_from
 
-PIECES: Mapping[tuple[str, bool], Mapping[str, Any]] = {
-    ("<", False): {**_SHARED, "text": text_packed, "texts": _texts_packed},
-    ("<", True): {**_SHARED, "text": text_aligned, "texts": _texts_aligned(_LITTLE)},
-    (">", True): {**_SHARED, "text": text_aligned, "texts": _texts_aligned(Struct(">I").unpack_from)},
+MOST_NOTHINGS = 256
+"""How many values that take no bytes a list may have."""
+
+_SHARED = {
+    "octets": octets,
+    "elements": elements,
+    "nothings": nothings,
+    "numbers": np.frombuffer,
+    "wrong_size": wrong_size,
 }
-"""Byte order, and whether numbers are aligned, to what reads the pieces."""
+
+
+def pieces(wire: Wire, *, replaces: bool) -> Mapping[str, Any]:
+    """Return what reads the pieces.
+
+    Args:
+        wire: What the bytes are in.
+        replaces: Whether a text that is no UTF-8 gets U+FFFD for what is wrong, as ROS 1's Python has it, instead of a
+            `UnicodeDecodeError`.
+    """
+    errors = "replace" if replaces else "strict"
+    if not wire.is_cdr:
+        return {**_SHARED, "text": _text_packed(errors), "texts": _texts_packed(errors)}
+    unpack = _LITTLE if wire.order == "<" else _BIG
+    return {**_SHARED, "text": _text_aligned(errors), "texts": _texts_aligned(unpack, errors)}

@@ -9,8 +9,22 @@ from typing import Any
 import numpy as np
 
 from ..errors import EncodingError
-from .message_types import CODES, PLACEHOLDER, STRING, Array, Basic, Definitions, Named, Type
-from .pieces import PIECES
+from .message_types import (
+    APPENDABLE,
+    CODES,
+    MUTABLE,
+    PLACEHOLDER,
+    STRING,
+    Array,
+    Basic,
+    Definitions,
+    Named,
+    Optional,
+    Type,
+    Undecoded,
+)
+from .pieces import MOST_NOTHINGS, pieces
+from .wire import Wire
 
 Read = Callable[[bytes, int], tuple[Any, int]]
 """Reads at a place in a payload; returns a value and the place behind it."""
@@ -27,31 +41,33 @@ _DEPTH = 40
 """How deep messages may lie in messages, other than in lists."""
 
 
-def reader(definitions: Definitions, order: str, *, aligned: bool) -> Read:
+def reader(definitions: Definitions, wire: Wire, *, default: str = "final", replaces: bool = False) -> Read:
     """Return a function that reads a message.
 
     What lies at places known beforehand is read with one call of `struct`; numbers in lists are read with numpy.
 
     Args:
         definitions: The message and those in it.
-        order: Of the bytes: "<" for little-endian, ">" for big-endian.
-        aligned: Whether numbers lie at multiples of their size, counted from behind the CDR header.
+        wire: What the bytes are in; CDR counts places from behind its head.
+        default: What messages are in XCDR2 whose definition does not say it: "final" or "appendable".
+        replaces: Whether a text that is no UTF-8 gets U+FFFD for what is wrong, instead of a `UnicodeDecodeError`.
 
     Raises:
-        EncodingError: It has a message in itself, or far too many fields.
+        EncodingError: It has a message in itself, far too many fields, or what cannot be decoded.
     """
-    return _Compiler(definitions, order, aligned).function(Named(definitions.root), _WIDEST)
+    return _Compiler(definitions, wire, default, replaces).function(Named(definitions.root), _WIDEST)
 
 
 class _Compiler:
     """Makes the functions for one definition, one for each type that stands in lists."""
 
-    def __init__(self, definitions: Definitions, order: str, aligned: bool) -> None:
+    def __init__(self, definitions: Definitions, wire: Wire, default: str, replaces: bool) -> None:
         self.definitions = definitions
-        self.order = order
-        self.aligned = aligned
+        self.wire = wire
         self.fields_left = _FIELDS
-        self._names: dict[str, Any] = {"__builtins__": {}, **PIECES[order, aligned]}
+        self.has_placeholders = wire.is_cdr and definitions.has_placeholders
+        self._default = default
+        self._names: dict[str, Any] = {"__builtins__": {}, **pieces(wire, replaces=replaces)}
         """What the functions may refer to."""
         self._elements: dict[Type, str] = {}
         self._sizes: dict[str, int] = {}
@@ -72,10 +88,7 @@ class _Compiler:
         return read
 
     def element(self, type_: Type) -> str:
-        """Return the name of the function that reads an element of a list."""
-        if not self._smallest(type_):
-            what = type_.name if isinstance(type_, Named) else type_
-            raise EncodingError(f"it has a list of {what}, which takes no bytes, so that nothing bounds their number")
+        """Return the name of the function that reads a value for which there is a function of its own."""
         name = self._elements.get(type_)
         if name is None:
             name = self._elements[type_] = f"element{len(self._elements)}"
@@ -88,16 +101,48 @@ class _Compiler:
         self._names[name] = value
         return name
 
-    def _smallest(self, type_: Type) -> int:
+    def has_size(self, name: str) -> bool:
+        """Whether a message begins with its size.
+
+        Raises:
+            EncodingError: Its members are numbered.
+        """
+        kind = self.definitions.extensibility.get(name, self._default)
+        if kind == MUTABLE:
+            raise EncodingError(f"{name} is @mutable, which is not decoded")
+        return self.wire.is_version_2 and kind == APPENDABLE
+
+    def weight(self, type_: Type) -> int:
+        """Return how many values there are in one of a type that takes no bytes; 0 if it takes some.
+
+        Raises:
+            EncodingError: They are so many that a message of a few bytes would fill the memory.
+        """
+        if self.smallest(type_):
+            return 0
+        if isinstance(type_, Array):
+            found = 1 + (type_.length or 0) * self.weight(type_.of)
+        else:
+            fields = self.definitions.messages[type_.name] if isinstance(type_, Named) else {}
+            found = 1 + sum(self.weight(one) for one in fields.values())
+        if found > MOST_NOTHINGS:
+            what = type_.name if isinstance(type_, Named) else type_
+            raise EncodingError(f"it has {what}, which are {found} values that take no bytes")
+        return found
+
+    def smallest(self, type_: Type) -> int:
         """Return how many bytes a value of a type has at least, without padding."""
         if isinstance(type_, Basic):
             return 4 if type_.name == STRING else Struct(CODES[type_.name]).size
         if isinstance(type_, Array):
-            return 4 if type_.length is None else type_.length * self._smallest(type_.of)
+            return 4 if type_.length is None else type_.length * self.smallest(type_.of)
+        if not isinstance(type_, Named):
+            return 1
         if type_.name not in self._sizes:
+            self._sizes[type_.name] = 1  # of a message in itself, which is refused later
             fields = self.definitions.messages[type_.name]
-            least = 1 if self.aligned and not fields else 0
-            self._sizes[type_.name] = least + sum(self._smallest(one) for one in fields.values())
+            least = (1 if self.has_placeholders and not fields else 0) + 4 * self.has_size(type_.name)
+            self._sizes[type_.name] = least + sum(self.smallest(one) for one in fields.values())
         return self._sizes[type_.name]
 
 
@@ -128,33 +173,71 @@ class _Body:
         if isinstance(type_, Named):
             return self._message(type_.name, inside)
         if isinstance(type_, Array):
-            return self._array(type_, inside)
+            return self._array(type_)
+        if isinstance(type_, Optional):
+            return self._optional(type_.of)
+        if isinstance(type_, Undecoded):  # which reading the definition refused
+            raise TypeError(type_.name)
         return self._text() if type_.name == STRING else self._numbers(type_.name, None)
 
     def _message(self, name: str, inside: tuple[str, ...]) -> str:
         if name in inside:
             raise EncodingError(f"{name} has a {name} in itself")
         fields = self._compiler.definitions.messages[name]
+        end = self._sized() if self._compiler.has_size(name) else ""
         values = {key: self.value(one, (*inside, name)) for key, one in fields.items()}
-        if self._compiler.aligned and not fields:
+        if self._compiler.has_placeholders and not fields:
             self._numbers("uint8", None)
+        if end:
+            self._finish(end)
         values.pop(PLACEHOLDER, None)
         return "{" + ", ".join(f"{key!r}: {value}" for key, value in values.items()) + "}"
 
-    def _array(self, type_: Array, inside: tuple[str, ...]) -> str:
-        of, length = type_.of, type_.length
-        if isinstance(of, Basic) and of.name != STRING:
+    def _array(self, type_: Array) -> str:
+        compiler, of, length = self._compiler, type_.of, type_.length
+        if isinstance(of, Basic) and of.name != STRING and not (of.is_enum and compiler.wire.is_version_2):
             return self._list_of_numbers(of.name) if length is None else self._numbers(of.name, length)
+        end = self._sized() if compiler.wire.is_version_2 and not _is_matrix(type_) else ""
         if length is None:
             count = self._counted()
         else:
             self.read_run()
             count = str(length)
-        read = "texts(" if isinstance(of, Basic) else f"elements({self._compiler.element(of)}, "
+        if isinstance(of, Basic) and of.name == STRING:
+            read = "texts("
+        elif weight := compiler.weight(of):
+            compiler.fields_left -= compiler.weight(type_)
+            read = f"nothings({compiler.element(of)}, {weight}, "
+        else:
+            read = f"elements({compiler.element(of)}, "
         value = self._variable()
         self._line(f"{value}, at = {read}data, at, {count})")
         self._forget(1)
+        if end:
+            self._finish(end)
         return value
+
+    def _optional(self, of: Type) -> str:
+        """Read a value that may be absent, behind a byte that tells it."""
+        if not self._compiler.wire.is_version_2:
+            raise EncodingError("it has an @optional member, which is not decoded in this version of CDR")
+        is_there = self._numbers("uint8", None)
+        self.read_run()
+        value = self._variable()
+        self._line(f"{value}, at = {self._compiler.element(of)}(data, at) if {is_there} else (None, at)")
+        self._forget(1)
+        return value
+
+    def _sized(self) -> str:
+        """Read the size of what follows; returns the name of the place where it must end."""
+        size, end = self._counted(), self._variable()
+        self._line(f"{end} = at + {size}")
+        return end
+
+    def _finish(self, end: str) -> None:
+        """Hold the place against the one where a value must end."""
+        self.read_run()
+        self._line(f"if at != {end}: wrong_size(at, {end})")
 
     def _text(self) -> str:
         count, value = self._counted(), self._variable()
@@ -165,12 +248,12 @@ class _Body:
 
     def _list_of_numbers(self, name: str) -> str:
         count, value, size = self._counted(), self._variable(), Struct(CODES[name]).size
-        if self._compiler.aligned and size == _WIDEST:
+        if size == self._compiler.wire.alignment == _WIDEST:
             self._line(f"if {count}: at = {_aligned(size)}")
         if name == "uint8":
             self._line(f"{value} = octets(data, at, {count})")
         else:
-            dtype = self._compiler.refer("dtype", np.dtype(self._compiler.order + CODES[name]))
+            dtype = self._compiler.refer("dtype", np.dtype(self._compiler.wire.order + CODES[name]))
             self._line(f"{value} = numbers(data, {dtype}, {count}, at).tolist()")
         self._line(f"at += {count} * {size}")
         self._forget(min(size, _CDR_START))
@@ -195,7 +278,8 @@ class _Body:
         return f"run{self._runs}[{first}]" if length is None else f"[*run{self._runs}[{first}:{self._count}]]"
 
     def _align(self, size: int) -> None:
-        if not self._compiler.aligned or size == 1:
+        size = min(size, self._compiler.wire.alignment)
+        if size == 1:
             return
         if self._modulus < size:
             self.read_run()
@@ -210,7 +294,7 @@ class _Body:
     def read_run(self) -> None:
         """Write the line that reads the numbers so far."""
         if self._size:
-            layout = Struct(self._compiler.order + "".join(self._format))
+            layout = Struct(self._compiler.wire.order + "".join(self._format))
             read = self._compiler.refer("layout", layout.unpack_from)
             self._line(f"run{self._runs} = {read}(data, at)")
             self._line(f"at += {layout.size}")
@@ -234,6 +318,14 @@ class _Body:
     def _forget(self, modulus: int) -> None:
         """Note that nothing is known of the place but that it is a multiple of `modulus`."""
         self._modulus, self._rest = modulus, 0
+
+
+def _is_matrix(type_: Array) -> bool:
+    """Whether it is numbers in lists of known lengths, which XCDR2 takes for one list."""
+    of: Type = type_
+    while isinstance(of, Array) and of.length is not None:
+        of = of.of
+    return isinstance(of, Basic) and of.name != STRING and not of.is_enum
 
 
 def _aligned(size: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from functools import cache
 from typing import Any, NamedTuple
@@ -10,9 +11,12 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from ..errors import ConversionError, EncodingError
+from . import distros
 from .columns import Struct, from_definitions
+from .distros import Likely
 
 _TF = "tf2_msgs/msg/TFMessage"
+_TF_OLD = "tf/msg/tfMessage"
 _TF_TEXT = "geometry_msgs/TransformStamped[] transforms\n"
 
 
@@ -29,8 +33,8 @@ class Definition(NamedTuple):
 def store(*, is_ros1: bool = False) -> Typestore:
     """Return the standard messages of a generation of ROS."""
     found = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_JAZZY)
-    if _TF not in found.fielddefs:
-        found.register(get_types_from_msg(_TF_TEXT, _TF))
+    for name in (_TF, _TF_OLD) if is_ros1 else ():  # which rosbags lacks
+        found.register(get_types_from_msg(_TF_TEXT, name))
     return found
 
 
@@ -58,19 +62,97 @@ def definition(name: str, *, is_ros1: bool = False) -> Definition:
     return Definition(text, md5 if is_ros1 else found.hash_rihs01(name))
 
 
-def known(name: str) -> str:
-    """Return the definition of a standard message of any distribution, for bags that do not have it.
+class Known(NamedTuple):
+    """A standard message as a distribution of ROS has it."""
+
+    text: str
+    """Its definition, followed by those of the messages in it."""
+    distro: str
+    others: tuple[str, ...]
+    """The distributions that it may as well be of, and that have other fields."""
+
+
+def known(name: str, *, distro: str | None = None, is_ros1: bool = False, digest: str = "") -> str:
+    """Return the definition of a standard message, for bags that do not have it: `find` for those that know no more.
 
     Raises:
         EncodingError: No distribution has it.
     """
+    return find(name, distros.likely(distro), is_ros1=is_ros1, digest=digest).text
+
+
+def find(name: str, likely: Likely, *, is_ros1: bool = False, digest: str = "") -> Known:
+    """Return the definition of a standard message, for bags that do not have it.
+
+    Args:
+        name: With its package, such as "sensor_msgs/Range".
+        likely: The distributions of ROS 2 to look at.
+        is_ros1: Whether it is ROS 1, of which Noetic is looked at.
+        digest: What the bag says of the type: "RIHS01_...", or an MD5 sum in ROS 1; empty if it does not.
+
+    Raises:
+        EncodingError: No distribution has it, or has it with that digest.
+    """
     parts = name.split("/")
     full = f"{parts[0]}/msg/{parts[-1]}"
-    for which in (Stores.ROS2_JAZZY, Stores.ROS2_HUMBLE, Stores.ROS2_FOXY):
-        found = get_typestore(which)
-        if full in found.fielddefs:
-            return found.generate_msgdef(full, ros_version=2)[0]
-    raise EncodingError("the bag does not define it, and it is no standard message")
+    if is_ros1:
+        return _find_ros1(full, digest)
+    having = [one for one in likely.names if full in _distribution(one).fielddefs]
+    if not having:
+        raise EncodingError("the recording does not define it, and it is no standard message")
+    if digest.startswith(_RIHS):
+        same = [one for one in having if _rihs(one, full) == digest]
+        if not same:
+            raise EncodingError(f"the recording does not define it, and no distribution has one with the hash {digest}")
+        return Known(_text(same[0], full), same[0], ())
+    chosen = having[0]
+    layout = _layout(chosen, full)
+    others = [one for one in likely.names[: likely.certain] if one in having and _layout(one, full) != layout]
+    return Known(_text(chosen, full), chosen, tuple(others))
+
+
+def _find_ros1(full: str, digest: str) -> Known:
+    found = store(is_ros1=True)
+    if full not in found.fielddefs:
+        raise EncodingError("the recording does not define it, and it is no standard message of ROS 1")
+    text, md5 = found.generate_msgdef(full, ros_version=1)
+    if digest not in ("", "*", md5):
+        raise EncodingError(f"the recording does not define it, and that of Noetic has the MD5 sum {md5}, not {digest}")
+    return Known(text, "noetic", ())
+
+
+_RIHS = "RIHS01_"
+
+
+@cache
+def _distribution(name: str) -> Typestore:
+    return get_typestore(Stores(f"ros2_{name}"))
+
+
+@cache
+def _text(distro: str, full: str) -> str:
+    return _distribution(distro).generate_msgdef(full, ros_version=2)[0]
+
+
+@cache
+def _rihs(distro: str, full: str) -> str:
+    """Return the hash of a type as ROS has it, for which a `char` is a `uint8`."""
+    own = get_typestore(Stores.EMPTY)
+    own.register(get_types_from_msg(re.sub(r"^char\b", "uint8", _text(distro, full), flags=re.MULTILINE), full))
+    return own.hash_rihs01(full)
+
+
+@cache
+def _layout(distro: str, full: str) -> Any:
+    """Return what a message is made of, without its constants: the same for two if they have the same bytes."""
+    found = _distribution(distro)
+
+    def described(kind: Any, what: Any) -> Any:
+        if int(kind) == 2:
+            return _layout(distro, what)
+        return (int(kind), what) if int(kind) == 1 else (int(kind), described(*what[0]), what[1])
+
+    return tuple((field, described(*what)) for field, what in found.fielddefs[full][1])
 
 
 def digest(name: str, text: str, *, is_ros1: bool = False) -> str:

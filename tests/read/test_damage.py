@@ -21,7 +21,7 @@ from mcap.records import Channel, Message, Schema
 from mcap.writer import CompressionType, Writer
 
 from ml_dash_mcap import Limits, Loss, Recorder, RecorderOptions, Recording
-from ml_dash_mcap.errors import DamagedFileError, EncodingError, OptionError
+from ml_dash_mcap.errors import DamagedFileError, EncodingError, OptionError, UndecodedWarning
 from ml_dash_mcap.read import ahead
 from ml_dash_mcap.read.records import Chunk
 from tests.support import raw
@@ -333,13 +333,16 @@ def test_messages_of_one_time_of_which_some_cannot_be_decoded_stay_with_their_ti
     assert sorted(loss.messages or 0 for loss in losses) == [2, 2]
 
 
-def test_messages_of_a_schema_that_cannot_be_used_are_lost(tmp_path):
+def test_messages_of_a_schema_that_cannot_be_used_are_bytes_and_no_loss(tmp_path):
     path = tmp_path / "file.mcap"
     path.write_bytes(loose(b"1", b"2", encoding="protobuf", schema=b"no descriptors"))
-    with pytest.raises(EncodingError):
-        read(path, "raise")
-    found, [loss] = read(path)
-    assert (found["robot"], loss.messages) == ([], 2)
+    for on_damage in ("raise", "skip"):
+        with Recording(path, on_damage=on_damage) as rec:
+            with pytest.warns(UndecodedWarning, match="no protobuf that can"):
+                assert [row["data"] for row in rec["robot"].rows()] == [b"1", b"2"]
+            assert rec.losses == []
+        with Recording(path, on_damage=on_damage, on_unknown="raise") as rec, pytest.raises(EncodingError):
+            list(rec["robot"].rows())
 
 
 @pytest.mark.breaks_files

@@ -11,6 +11,7 @@ import pytest
 
 from ml_dash_mcap.errors import EncodingError, UndecodedWarning
 from ml_dash_mcap.read.decode import decoder
+from ml_dash_mcap.read.decoding import decoding
 from ml_dash_mcap.read.records import Channel, Schema
 from tests.support import protobuf_messages
 
@@ -94,11 +95,17 @@ def test_the_warning_is_shown_once_a_channel() -> None:
     ],
     ids=lambda value: value.encoding if isinstance(value, Schema) else value,
 )
-def test_a_broken_schema_is_an_error_that_names_topic_and_schema(message_encoding, described) -> None:
-    with pytest.raises(
-        EncodingError, match=rf"topic '/t': its schema 'p/msg/A' is no {described.encoding} that can be"
-    ):
-        decoder(channel(message_encoding), described)
+def test_messages_with_a_broken_schema_are_bytes_and_a_warning_names_topic_and_schema(
+    message_encoding, described
+) -> None:
+    what = rf"topic '/t': its schema 'p/msg/A' is no {described.encoding} that can be"
+    with pytest.warns(UndecodedWarning, match=what) as warned:
+        assert decoder(channel(message_encoding), described)(b"\0\1") == {"data": b"\0\1"}
+    assert ("pass definitions={'p/msg/A': " in str(warned[0].message)) == (message_encoding != "protobuf")
+    with pytest.raises(EncodingError, match=what):
+        decoder(channel(message_encoding), described, decoding(on_unknown="raise"))
+    with pytest.warns(UndecodedWarning, match=what + ".*; it is left out"):
+        assert decoder(channel(message_encoding), described, decoding(on_unknown="skip"))(b"\0\1") is None
 
 
 PROGRAM = """

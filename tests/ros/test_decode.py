@@ -193,7 +193,7 @@ def chain(length: int, line: str) -> str:
         (chain(200, "NEXT x"), "messages deep"),
         (chain(30, "NEXT x\nNEXT y"), "fields"),
         (chain(3000, "NEXT[] x"), "messages in messages"),
-        ("int64 x\nwstring y", "of type 'wstring'"),
+        ("int64 x\nwstring y", "the type 'wstring'"),
         ("B b", "of type 'B', which it does not define"),
         ("other/B b", "it does not define other/B"),
         ("float64 x\nfloat64 x", "two fields 'x'"),
@@ -208,11 +208,25 @@ def test_a_definition_that_cannot_be_used_is_an_error_that_says_why(text: str, w
         decoder("p/msg/A" if not text.startswith("M1") else "p/msg/M0", "ros2msg", text)
 
 
+def test_a_list_of_what_takes_no_bytes_in_ros_1_is_read_up_to_a_number_since_nothing_else_bounds_it() -> None:
+    decode = decoder("p/A", "ros1msg", "B[] x\nint8 n\n===\nMSG: p/B\n", is_ros1=True)
+    assert decode(struct.pack("<Ib", 3, 7)) == {"x": [{}, {}, {}], "n": 7}
+    with pytest.raises(ValueError, match="a list of 4000000000 values that take no bytes"):
+        decode(struct.pack("<Ib", 4_000_000_000, 7))
+    fixed = decoder("p/A", "ros1msg", "B[2] x\n===\nMSG: p/B\n", is_ros1=True)
+    assert fixed(b"") == {"x": [{}, {}]}
+
+
 @pytest.mark.parametrize(
-    "text", ["B[] x\n===\nMSG: p/B\n", "B[4000000000] x\n===\nMSG: p/B\nC[4000000000] y\n===\nMSG: p/C\n"]
+    "text",
+    [
+        "B[4000000000] x\n===\nMSG: p/B\nC[4000000000] y\n===\nMSG: p/C\n",
+        "B[200] x\n===\nMSG: p/B\nC[200] y\n===\nMSG: p/C\n",
+        "\n".join(f"B[250] x{n}" for n in range(100)) + "\n===\nMSG: p/B\n",
+    ],
 )
-def test_a_list_of_what_takes_no_bytes_in_ros_1_is_refused_since_nothing_bounds_it(text: str) -> None:
-    with pytest.raises(EncodingError, match="takes no bytes"):
+def test_a_definition_of_many_values_that_take_no_bytes_is_refused(text: str) -> None:
+    with pytest.raises(EncodingError, match=r"values that take no bytes|more than 10000 fields"):
         decoder("p/A", "ros1msg", text, is_ros1=True)
 
 
@@ -228,6 +242,6 @@ def test_lengths_that_lie_take_no_memory() -> None:
 
 
 def test_cdr_of_another_kind_is_refused_with_its_head() -> None:
-    for head in (b"\0\2\0\0", b"\0\7\0\0", b"\1\0\0\0", b"\0"):
-        with pytest.raises(ValueError, match="announces no plain CDR"):
+    for head in (b"\0\2\0\0", b"\0\3\0\0", b"\0\x0a\0\0", b"\0\x0b\0\0", b"\0\5\0\0", b"\1\0\0\0", b"\0"):
+        with pytest.raises(ValueError, match=r"it starts with b'.*', which announces .* no plain CDR"):
             decoder("p/msg/A", "ros2msg", "float32 x")(head + bytes(4) if len(head) == 4 else head)

@@ -83,7 +83,7 @@ def test_names_are_looked_up_from_the_inside_out_and_enums_are_numbers() -> None
         "b": Named("p/B"),
         "c": Named("p/B"),
         "d": Named("Loose"),
-        "e": Basic("uint32"),
+        "e": Basic("uint32", is_enum=True),
     }
 
 
@@ -100,9 +100,14 @@ def test_time_need_not_be_defined() -> None:
         ("module p { struct A { long x; long x; }; };", "two fields 'x'"),
         ("module p { struct A { wstring x; }; };", "the type 'wstring', which cannot be decoded"),
         ("module p { struct A { long double x; }; };", "the type 'long double'"),
-        ("module p { union U switch(long) { case 1: long x; }; struct A { U u; }; };", "the type U, which cannot"),
-        ("module p { struct A { @optional long x; }; };", "@optional"),
-        ("module p { struct A : B { long x; }; };", "':' where '{' should be"),
+        ("module p { union U switch(long) { case 1: long x; }; struct A { U u; }; };", "the type 'union p::U', which cannot"),
+        ("module p { struct A { map<string, sequence<long>> x; }; };", "the type 'map', which cannot"),
+        ("module p { bitmask M { @position(0) a }; struct A { sequence<M> x; }; };", "the type 'bitmask p::M'"),
+        ("module p { struct A : B { long x; }; };", "does not define p/B"),
+        ("module p { struct A : A { long x; }; };", "itself for a base"),
+        ("module p { enum E { a }; struct A : E { long x; }; };", "a base that is no struct"),
+        ("module p { struct B { long x; }; struct A : B { long x; }; };", "two fields 'x'"),
+        ("module p { struct A { long x; }; struct A { long y; }; };", "p/A more than once"),
         ("module p { struct A { double x[N]; }; };", "the length N"),
         ("module p { struct A { other::B b; }; };", "does not define other/B"),
         ("module p { struct A { long x }; };", "'}' where ';' should be"),

@@ -1,0 +1,82 @@
+"""Where definitions come from that a recording lacks."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+
+from ..errors import EncodingError
+from . import distros, idl
+from .definitions import Found
+from .distros import Likely
+from .message_types import canonical
+
+_IDL = re.compile(r"^\s*(?:module|struct)\s+\w+\s*[:{]", re.MULTILINE)
+
+Given = tuple[tuple[str, str], ...]
+"""Types, as `canonical` has them, and their definitions, which somebody gave."""
+
+
+@dataclass(frozen=True, slots=True)
+class Supply:
+    """What is known of the messages of a channel beside its schema."""
+
+    given: Given = ()
+    likely: Likely = field(default_factory=distros.likely)
+    """Distributions that it may come from."""
+    is_ros1: bool = False
+    digest: str = ""
+    """What the channel says of its type: "RIHS01_...", or an MD5 sum; empty if nothing."""
+
+    def text(self, name: str) -> str | None:
+        """Return the definition that was given for a type; None if there is none."""
+        return dict(self.given).get(canonical(name))
+
+
+class Finder:
+    """Looks up messages for one definition: among those that were given, then in ROS itself."""
+
+    def __init__(self, supply: Supply, root: str) -> None:
+        """Prepare to look up.
+
+        Args:
+            supply: Where to look.
+            root: The message that the supply's digest is of.
+        """
+        self._supply = supply
+        self._root = canonical(root)
+        self.guesses: list[str] = []
+        """What was taken for likely, in words."""
+        self.why = ""
+        """Why the last message was not found."""
+
+    @property
+    def digest(self) -> str:
+        """What the channel says of the message that is looked for."""
+        return self._supply.digest
+
+    def __call__(self, name: str) -> Found | None:
+        """Return what is known of a message; None if nothing is."""
+        given = self._supply.text(name)
+        if given is not None:
+            return Found(messages=idl.parse(name, given, find=self).messages) if is_idl(given) else Found(given)
+        from . import stores  # which loads rosbags
+
+        supply = self._supply
+        digest = supply.digest if name == self._root else ""
+        try:
+            found = stores.find(name, supply.likely, is_ros1=supply.is_ros1, digest=digest)
+        except EncodingError as error:
+            self.why = str(error)
+            return None
+        if found.others:
+            self.guesses.append(
+                f"{name} is taken for that of {found.distro}; that of {', '.join(found.others)} has other fields, and"
+                " the recording does not say which it is"
+            )
+        return Found(found.text)
+
+
+def is_idl(text: str) -> bool:
+    """Whether a definition is in IDL, rather than the .msg language."""
+    return _IDL.search(text) is not None
