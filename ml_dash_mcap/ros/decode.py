@@ -167,9 +167,9 @@ def _cdr(how: _How) -> Decoder:
                 return row
             why = _wrong_length(payload, end)
         except (ValueError, struct.error) as error:
-            if is_empty and len(payload) == _CDR_HEAD:  # as DDS has it, without ROS's byte
-                return {}
             why = _as_value_error(payload, error)
+        if is_empty and _CDR_HEAD <= len(payload) <= _CDR_HEAD + 1 + _PADDING:  # with or without ROS's byte
+            return {}
         return how.misfit(payload, why)
 
     return decode
