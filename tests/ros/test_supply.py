@@ -1,0 +1,189 @@
+"""Definitions that a recording lacks come from whoever gave them, then from the ROS that the recording comes from."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from ml_dash_mcap.errors import EncodingError
+from ml_dash_mcap.ros import distros, stores
+from ml_dash_mcap.ros.decode import decoder, definition
+from ml_dash_mcap.ros.supply import Supply
+from tests.support import ros_messages
+
+HUMBLE, JAZZY, NOETIC = (get_typestore(one) for one in (Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.ROS1_NOETIC))
+RANGE = "sensor_msgs/msg/Range"
+ROW = {"radiation_type": 1, "field_of_view": 0.5, "min_range": 1.0, "max_range": 4.0, "range": 2.0}
+
+
+def supply(*given: tuple[str, str], distro: str | None = None, version: int | None = None, **more: Any) -> Supply:
+    return Supply(given, distros.likely(distro, version), **more)
+
+
+def a_range(store: Any, **more: float) -> bytes:
+    types = store.types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](1, 2), "sonar")
+    return bytes(store.serialize_cdr(types[RANGE](header, *ROW.values(), **more), RANGE))
+
+
+def of(row: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in row.items() if name != "header"}
+
+
+@pytest.mark.parametrize("distro", ["foxy", "galactic", "humble", "Humble"])
+def test_a_message_is_that_of_the_distribution_that_recorded_it(distro: str) -> None:
+    assert of(decoder(RANGE, "ros2msg", "", supply=supply(distro=distro))(a_range(HUMBLE))) == ROW
+    later = decoder(RANGE, "ros2msg", "", supply=supply(distro="jazzy"))
+    assert of(later(a_range(JAZZY, variance=0.25))) == {**ROW, "variance": 0.25}
+    with pytest.raises(ValueError, match="before its definition does"):
+        later(a_range(HUMBLE))
+
+
+@pytest.mark.parametrize(
+    ("version", "first"),
+    [(1, "dashing"), (2, "dashing"), (4, "foxy"), (5, "humble"), (7, "iron"), (9, "jazzy"), (None, "humble")],
+)
+def test_a_bag_that_names_no_distribution_is_likely_of_one_that_writes_its_version_of_the_metadata(
+    version, first
+) -> None:
+    for name in (None, "rolling", "rosbags"):
+        found = distros.likely(name, version)
+        assert found.names[0] == first and sorted(found.names) == sorted(distros.NAMES)
+    assert distros.likely("iron", version).names[:3] == ("iron", "jazzy", "humble")
+    assert distros.likely("iron", version).certain == 1
+
+
+def test_a_guess_between_distributions_whose_messages_differ_is_told() -> None:
+    def guesses(name: str, **more: Any) -> tuple[str, ...]:
+        return definition(name, "ros2msg", "", supply(**more)).guesses
+
+    (guess,) = guesses(RANGE)
+    assert guess == (
+        "sensor_msgs/Range is taken for that of humble; that of iron, jazzy, kilted, lyrical has other fields, and the"
+        " recording does not say which it is"
+    )
+    assert guesses(RANGE, distro="humble") == guesses(RANGE, version=5) == guesses("sensor_msgs/msg/Imu") == ()
+    assert guesses("rcl_interfaces/msg/ParameterDescriptor", version=4) and not guesses(RANGE, version=4)
+    assert guesses("visualization_msgs/msg/MarkerArray"), "a message in it differs"
+
+
+def test_a_hash_of_the_type_chooses_the_definition_that_has_it() -> None:
+    for store, payload in ((HUMBLE, a_range(HUMBLE)), (JAZZY, a_range(JAZZY, variance=0.25))):
+        digest = store.hash_rihs01(RANGE)
+        for distro in ("humble", "jazzy", None):
+            decode = decoder(RANGE, "ros2msg", "", supply=supply(distro=distro, digest=digest))
+            assert of(decode(payload))["range"] == 2.0
+        assert definition(RANGE, "ros2msg", "", supply(digest=digest)).guesses == ()
+    with pytest.raises(EncodingError, match=r"no distribution has one with the hash RIHS01_00"):
+        decoder(RANGE, "ros2msg", "", supply=supply(digest="RIHS01_00"))
+
+
+def test_a_char_counts_as_uint8_in_a_hash_as_rosidl_has_it() -> None:
+    text = JAZZY.generate_msgdef("service_msgs/msg/ServiceEventInfo", ros_version=2)[0].replace("char[16]", "uint8[16]")
+    own = get_typestore(Stores.EMPTY)
+    own.register(get_types_from_msg(text, "service_msgs/msg/ServiceEventInfo"))
+    digest = own.hash_rihs01("service_msgs/msg/ServiceEventInfo")
+    assert "char[16] client_gid" in stores.find("service_msgs/ServiceEventInfo", distros.likely(), digest=digest).text
+
+
+def test_ros_1_has_definitions_of_its_own() -> None:
+    payload = struct.pack("<IIII5sBffff", 7, 1, 2, 5, b"sonar", *ROW.values())
+    md5 = NOETIC.generate_msgdef(RANGE, ros_version=1)[1]
+    for digest in ("", "*", md5):
+        row = decoder("sensor_msgs/Range", "ros1msg", "", is_ros1=True, supply=supply(is_ros1=True, digest=digest))(
+            payload
+        )
+        header = {"seq": 7, "stamp": {"secs": 1, "nsecs": 2}, "frame_id": "sonar"}
+        assert row == {"header": header, **ROW}
+    with pytest.raises(EncodingError, match=rf"that of Noetic has the MD5 sum {md5}, not 00"):
+        decoder("sensor_msgs/Range", "ros1msg", "", is_ros1=True, supply=supply(is_ros1=True, digest="00"))
+    with pytest.raises(EncodingError, match="no standard message of ROS 1"):
+        decoder("p/Thing", "ros1msg", "", is_ros1=True, supply=supply(is_ros1=True, digest="00"))
+
+
+@pytest.mark.parametrize("name", ["tf2_msgs/TFMessage", "tf/tfMessage", "std_msgs/Empty"])
+def test_ros_1_knows_its_transforms_and_the_empty_message(name: str) -> None:
+    payload = b"" if name.endswith("Empty") else bytes(4)
+    row = decoder(name, "ros1msg", "", is_ros1=True, supply=supply(is_ros1=True))(payload)
+    assert row == ({} if name.endswith("Empty") else {"transforms": []})
+
+
+def test_a_type_that_nobody_knows_and_that_has_no_text_is_an_empty_message() -> None:
+    empty = "d41d8cd98f00b204e9800998ecf8427e"  # md5sum /dev/null
+    decode = decoder("p/Nothing", "ros1msg", "", is_ros1=True, supply=supply(is_ros1=True, digest=empty))
+    assert decode(b"") == {}
+    with pytest.raises(ValueError, match="1 bytes long and its definition ends after 0"):
+        decode(b"\1")
+    assert decoder("p/msg/Nothing", "ros2msg", "\n")(b"\0\1\0\0\0") == {}
+    with pytest.raises(EncodingError, match="no standard message"):
+        decoder("p/msg/Nothing", "", "")
+
+
+def test_messages_that_a_text_lacks_are_those_that_were_given_then_those_of_ros() -> None:
+    text = "std_msgs/Header header\ngeometry_msgs/msg/Vector3 v\nq/B b\nC c"
+    given = ("q/B", "D[2] d\n===\nMSG: q/D\nuint8 x"), ("p/C", "module p { struct C { double y; }; };")
+    payload = b"\0\1\0\0" + struct.pack("<iII2s", 1, 2, 2, b"a\0") + b"\0\0" + struct.pack("<3dBB6xd", 1, 2, 3, 4, 5, 6)
+    row = {
+        "header": {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "a"},
+        "v": {"x": 1.0, "y": 2.0, "z": 3.0},
+        "b": {"d": [{"x": 4}, {"x": 5}]},
+        "c": {"y": 6.0},
+    }
+    assert decoder("p/msg/A", "ros2msg", text, supply=supply(*given))(payload) == row
+    with pytest.raises(EncodingError, match="does not define q/B"):
+        decoder("p/msg/A", "ros2msg", text.rpartition("\n")[0])
+    own = text + "\n===\nMSG: q/B\nuint16 own\n===\nMSG: p/C\nuint32 own"
+    own_payload = payload[:-16] + struct.pack("<HxxI", 7, 8)
+    assert decoder("p/msg/A", "ros2msg", own, supply=supply(*given))(own_payload)["b"] == {"own": 7}
+
+
+def test_a_definition_that_was_given_comes_before_that_of_the_recording() -> None:
+    for text in ("uint32 x", "module p { module msg { struct A { unsigned long x; }; }; };"):
+        decode = decoder("p/msg/A", "ros2msg", "nonsense!", supply=supply(("p/A", text)))
+        assert decode(b"\0\1\0\0\7\0\0\0") == {"x": 7}
+
+
+def test_idl_may_lack_messages_too() -> None:
+    text = "module p { module msg { struct A { geometry_msgs::msg::Vector3 v; q::msg::B b; }; }; };"
+    payload = b"\0\1\0\0" + struct.pack("<3dI", 1, 2, 3, 4)
+    row = {"v": {"x": 1.0, "y": 2.0, "z": 3.0}, "b": {"n": 4}}
+    assert decoder("p/msg/A", "ros2idl", text, supply=supply(("q/B", "uint32 n")))(payload) == row
+
+
+@settings(max_examples=60, deadline=None)
+@given(messages=ros_messages.messages(least=1), data=st.data())
+def test_whichever_messages_a_text_lacks_the_row_is_the_same_if_they_were_given(messages, data) -> None:
+    row = data.draw(ros_messages.rows(messages))
+    store = ros_messages.typestore(messages)
+    message = ros_messages.instance(store, messages, row)
+    payload, ros1 = (bytes(write(message, "pkg/msg/Outer")) for write in (store.serialize_cdr, store.serialize_ros1))
+    inside = [name for name in messages if name != "pkg/Outer"]
+    lacking = data.draw(st.sets(st.sampled_from(inside)))
+    rest = ros_messages.text({name: fields for name, fields in messages.items() if name not in lacking})
+    given = tuple((name, ros_messages.text({name: messages[name]})) for name in lacking)
+    assert repr(decoder("pkg/msg/Outer", "ros2msg", rest, supply=supply(*given))(payload)) == repr(row)
+    known = supply(*given, is_ros1=True)
+    assert repr(decoder("pkg/Outer", "ros1msg", rest, is_ros1=True, supply=known)(ros1)) == repr(row)
+
+
+def test_every_standard_message_is_the_same_without_the_definitions_of_the_messages_in_it() -> None:
+    for name in JAZZY.types:
+        text = JAZZY.generate_msgdef(name, ros_version=2)[0]
+        alone = text.partition("=" * 80)[0]
+        whole = definition(name, "ros2msg", text).messages
+        assert definition(name, "ros2msg", alone, supply(distro="jazzy")).messages == whole
+        assert definition(name, "ros2msg", "", supply(distro="jazzy")).messages == whole
+
+
+@pytest.mark.parametrize(("is_ros1", "name"), [(True, "Header"), (True, "std_msgs/Header"), (False, "std_msgs/Header")])
+def test_a_header_need_not_be_defined(is_ros1: bool, name: str) -> None:
+    found = definition("p/A", "ros1msg" if is_ros1 else "ros2msg", f"{name} h", supply(is_ros1=is_ros1))
+    assert list(found.messages["std_msgs/Header"]) == [*(["seq"] if is_ros1 else []), "stamp", "frame_id"]
+    assert list(found.messages["std_msgs/Header"].values())[-2].name == (
+        "time" if is_ros1 else "builtin_interfaces/Time"
+    )
