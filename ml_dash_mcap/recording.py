@@ -464,10 +464,14 @@ class _View:
     info: Callable[[str], TopicInfo]
 
 
+_FOREIGN = ("*.db3*", "*.parquet", "*.pq", "*.csv", "*.tsv", "*.jsonl", "*.ndjson")
+"""Files that make a folder worth a look, which has no `metadata.yaml`."""
+
+
 def _may_be_foreign(path: Path) -> bool:
     """Whether it is worth looking closer at what is at a path."""
     if path.is_dir():
-        return (path / "metadata.yaml").exists() or next(path.glob("*.db3*"), None) is not None
+        return (path / "metadata.yaml").exists() or any(next(path.glob(one), None) is not None for one in _FOREIGN)
     return path.is_file() and not path.name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX)
 
 

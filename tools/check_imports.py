@@ -34,14 +34,9 @@ FLOORS: list[set[str]] = [
 HEAVY = {
     "pyarrow": {
         *("rows.table", "rows.lines", "rows.arrays", "rows.batches", "rows.align", "rows.same_bytes"),
-        *(
-            "rows.kinds",
-            "rows.frames",
-            "rows.spread",
-            "export.nesting",
-            "export.parquet_files",
-            "export.parquet_layout",
-        ),
+        *("rows.kinds", "export.nesting", "export.parquet_files", "export.parquet_layout"),
+        *("rows.frames", "rows.spread", "ingest.parquet", "ingest.csv_table", "ingest.csv_tokens", "ingest.csv_types"),
+        *("ingest.jsonl", "ingest.table_intake", "ingest.table_times", "ingest.arrow_values", "ingest.our_tables"),
         *("export.csv_cells", "export.csv_layout"),
         *("export.samples", "ingest.cells"),
         *("read.columns", "read.exact", "ros.blocks", "export.parquet", "topic_reader", "alignment"),

@@ -54,7 +54,8 @@ def export(job: Job, *, flatten: bool = False) -> Path:
         raise UsageError(f"flatten={flatten!r}: pass True or False")
 
     def put(selection: Selection, info: TopicInfo, path: Path, counter: Counter) -> None:
-        _write(selection, info, path, _about(job, info), counter, flat=flatten)
+        about = {**_about(job, info), "kind": info.kind, "flatten": flatten}
+        _write(selection, info, path, about, counter, flat=flatten)
 
     return per_topic.write(job, SUFFIX, put)
 
@@ -68,8 +69,8 @@ def _write(
     @contextlib.contextmanager
     def begin() -> Iterator[Callable[[Block], None]]:
         schema = layout.schema().with_metadata(metadata)
-        how = {"compression": "zstd", "use_dictionary": _texts(schema), "sorting_columns": [pq.SortingColumn(0)]}
-        with pq.ParquetWriter(path, schema, **how) as writer:
+        how: dict[str, Any] = {"use_dictionary": _texts(schema), "sorting_columns": [pq.SortingColumn(0)]}
+        with pq.ParquetWriter(path, schema, compression="zstd", write_page_checksum=True, **how) as writer:
             groups = _Groups(writer)
             table = layout.tables()
             yield lambda block: groups.add(table(block))

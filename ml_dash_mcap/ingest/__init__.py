@@ -28,6 +28,9 @@ FORMATS: Mapping[str, str] = {
     "vicon": "vicon",
     "wide": "wide",
     "c3d": "c3d",
+    "parquet": "parquet",
+    "jsonl": "jsonl",
+    "csv": "csv_table",
 }
 """Formats, to the module here that reads them.
 

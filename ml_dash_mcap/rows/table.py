@@ -217,7 +217,7 @@ def _is_list(type_: pa.DataType) -> bool:
 def values_of(part: Column) -> list[Any]:
     """Return a column's values as Python objects, those that are JSON text decoded."""
     values: list[Any] = part.array.to_pylist()
-    return [None if text is None else _from_text(text) for text in values] if part.is_text else values
+    return [None if text is None else from_text(text) for text in values] if part.is_text else values
 
 
 def arrow_type(values: list[Any]) -> pa.DataType | None:
@@ -282,6 +282,7 @@ def to_text(value: Any) -> str:
     return orjson.dumps(row if EXACT_KEY in row else row[VALUE_KEY]).decode()
 
 
-def _from_text(text: str) -> Any:
+def from_text(text: str) -> Any:
+    """Return the value that `to_text` said."""
     value = orjson.loads(text)
     return restore(value)[VALUE_KEY] if isinstance(value, dict) and EXACT_KEY in value else value

@@ -18,7 +18,7 @@ from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from ml_dash_mcap.errors import NotFoundError, RangeError
 from ml_dash_mcap.rows.columns import flatten
 from ml_dash_mcap.rows.lines import LineReader
-from ml_dash_mcap.rows.table import ENCODING_KEY, _from_text, from_rows
+from ml_dash_mcap.rows.table import ENCODING_KEY, from_rows, from_text
 
 SMALL = RecorderOptions(chunk_bytes=65536, backlog_bytes=262_144, sync_interval_s=0)
 
@@ -47,7 +47,7 @@ def values(table: pa.Table) -> dict[str, list[str]]:
     for field in table.schema:
         column = table.column(field.name).to_pylist()
         if (field.metadata or {}).get(ENCODING_KEY):
-            column = [None if text is None else _from_text(text) for text in column]
+            column = [None if text is None else from_text(text) for text in column]
         if any(value is not None for value in column):
             found[field.name] = [repr(canonical(value)) for value in column]
     return found

@@ -1,0 +1,257 @@
+"""The cells of a CSV file, some rows at a time, each with whether it was quoted."""
+
+from __future__ import annotations
+
+import codecs
+import contextlib
+import csv
+import io
+import itertools
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from ..errors import ForeignFileError, OptionError
+
+SEPARATORS = ",;\t|"
+
+_CHUNK_BYTES = 1 << 20
+_LONGEST_ROW_BYTES = 1 << 26
+_SNIFFED_BYTES = 1 << 16
+_NEWLINE = ord("\n")
+_MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+
+
+class Rows(NamedTuple):
+    """Some rows of a file."""
+
+    height: int
+    """How many."""
+    cells: pa.Array
+    """Their text, row by row."""
+    quoted: npt.NDArray[np.bool_] | None
+    """Which of the cells were quoted; None if none was."""
+    lines: npt.NDArray[np.int64]
+    """The number of the line that each row starts in, [N], from 1."""
+    read: int
+    """How many bytes of the file were read so far."""
+
+
+@dataclass
+class Tokens:
+    """Reads a file's cells: RFC 4180, with any separator, and line ends of any kind.
+
+    A quote inside a cell that does not begin with one is a letter. Rows without any text are left out.
+    """
+
+    path: Path
+    separator: str
+    columns: int
+    """How many cells a row has; further ones must be empty."""
+    encoding: str = "utf-8"
+    allow_short: bool = False
+    """Whether the last cells of a row may be left out."""
+
+    def __post_init__(self) -> None:
+        cut = re.escape(self.separator)
+        pattern = rf'(?:"([^"]*(?:""[^"]*)*)"(?!")([^{cut}\r\n]*)|([^{cut}\r\n]*))({cut}|\r\n|\n|\r|\Z)'
+        self._cell = re.compile(pattern.encode())
+        self._cut = self.separator.encode()
+
+    def read(self) -> Iterator[Rows]:
+        """Yield the rows behind the header.
+
+        Raises:
+            ForeignFileError: A row has too many or too few cells, a quote does not end, or bytes are no text.
+        """
+        rest, line, done, is_header = b"", 1, 0, True
+        with self.path.open("rb") as file:
+            for text, done in _texts(self.path, file, self.encoding):
+                rest += text
+                rows, rest, line = self._some(rest, line, done, is_header, is_last=False)
+                is_header = is_header and rows is None
+                if rows is not None and rows.height:
+                    yield rows
+                if len(rest) > _LONGEST_ROW_BYTES:
+                    what = f"the row has more than {_LONGEST_ROW_BYTES} bytes, or a quote in it does not end"
+                    raise ForeignFileError(self.path, what, line)
+        rows, _, _ = self._some(rest, line, done, is_header, is_last=True)
+        if rows is not None and rows.height:
+            yield rows
+
+    def _some(
+        self, data: bytes, line: int, read: int, is_header: bool, *, is_last: bool
+    ) -> tuple[Rows | None, bytes, int]:
+        """Return the whole rows at the beginning of some text, the rest of it, and the number of its first line."""
+        if b'"' in data or is_header:
+            return self._by_cell(data, line, read, is_header, is_last=is_last)
+        cut = len(data) if is_last else data.rfind(b"\n") + 1
+        if not cut and b"\r" in data:
+            return self._by_cell(data, line, read, is_header, is_last=is_last)
+        rows = self._in_bulk(data[:cut], line, read) if cut else None
+        if cut and rows is None:
+            return self._by_cell(data, line, read, is_header, is_last=is_last)
+        return rows, data[cut:], line + data.count(b"\n", 0, cut)
+
+    def _in_bulk(self, data: bytes, line: int, read: int) -> Rows | None:
+        """Cut rows without quotes all at once; None if they are not all alike."""
+        if b"\r" in data:
+            return None
+        array = np.frombuffer(data if data.endswith(b"\n") else data + b"\n", np.uint8)
+        ends = np.flatnonzero((array == self._cut[0]) | (array == _NEWLINE))
+        row_ends = np.flatnonzero(array[ends] == _NEWLINE)
+        count = len(row_ends)
+        if len(ends) != count * self.columns or (np.diff(row_ends, prepend=-1) != self.columns).any():
+            return None
+        self._check_text(data, line)
+        keep = np.ones(len(array), np.bool_)
+        keep[ends] = False
+        offsets = np.concatenate(([0], ends - np.arange(len(ends)))).astype(np.int32)
+        letters = array[keep]
+        lengths = np.diff(offsets).reshape(count, self.columns)
+        if (lengths.sum(axis=1) == 0).any():
+            return None
+        cells = pa.StringArray.from_buffers(len(ends), pa.py_buffer(offsets), pa.py_buffer(letters))
+        return Rows(count, cells, None, np.arange(line, line + count), read)
+
+    def _by_cell(
+        self, data: bytes, line: int, read: int, is_header: bool, *, is_last: bool
+    ) -> tuple[Rows | None, bytes, int]:
+        """Cut rows cell by cell."""
+        cells: list[bytes] = []
+        quoted: list[bool] = []
+        lines: list[int] = []
+        row: list[bytes] = []
+        marks: list[bool] = []
+        start = at = 0
+        seen_header = not is_header
+        match = self._cell.match
+        while at < len(data):
+            found = match(data, at)
+            assert found is not None  # the pattern matches nothing, too
+            inside, behind, plain, end = found.groups()
+            is_open = data[at : at + 1] == b'"' and inside is None
+            if (not end or (end == b"\r" and found.end() == len(data)) or is_open) and not is_last:
+                break
+            if is_open:
+                raise ForeignFileError(self.path, "a quote that begins in this row does not end", line)
+            row.append(plain if inside is None else inside.replace(b'""', b'"') + behind)
+            marks.append(inside is not None)
+            at = found.end()
+            if end == self._cut and at < len(data):
+                continue
+            if end == self._cut:
+                row.append(b"")
+                marks.append(False)
+                if not is_last:
+                    break
+            if seen_header:
+                self._put(row, marks, line, cells, quoted, lines)
+            seen_header = True
+            line += _breaks(data, start, at)
+            start, row, marks = at, [], []
+        if is_header and not seen_header:
+            return None, data[start:], line
+        if not b"".join(cells).isascii():
+            for at_cell, cell in enumerate(cells):
+                self._check_text(cell, lines[at_cell // self.columns])
+        flags = np.array(quoted, np.bool_)
+        array = pa.array(cells, pa.binary()).cast(pa.string())
+        return Rows(len(lines), array, flags if flags.any() else None, np.array(lines), read), data[start:], line
+
+    def _put(
+        self, row: list[bytes], marks: list[bool], line: int, cells: list[bytes], quoted: list[bool], lines: list[int]
+    ) -> None:
+        """Add a row, if there is something in it."""
+        if not any(one.strip() for one in row) and not any(marks):
+            return
+        if len(row) > self.columns and not any(row[self.columns :]):
+            del row[self.columns :], marks[self.columns :]
+        if len(row) > self.columns:
+            what = f"the row has {len(row)} cells, but the header {self.columns}"
+            raise ForeignFileError(self.path, what, line, self.columns + 1)
+        missing = self.columns - len(row)
+        if missing and not self.allow_short:
+            hint = "; pass on_bad='missing' to take those that are there"
+            raise ForeignFileError(
+                self.path, f"the row has {len(row)} cells, but the header {self.columns}{hint}", line
+            )
+        cells += row + [b""] * missing
+        quoted += marks + [False] * missing
+        lines.append(line)
+
+    def _check_text(self, data: bytes, line: int) -> None:
+        if data.isascii():
+            return
+        try:
+            data.decode()
+        except UnicodeDecodeError as error:
+            at = line + data.count(b"\n", 0, error.start)
+            what = f"the byte 0x{data[error.start]:02x} is no UTF-8; pass encoding=, such as 'cp1252'"
+            raise ForeignFileError(self.path, what, at) from error
+
+
+def _breaks(data: bytes, start: int, end: int) -> int:
+    """Count the ends of lines."""
+    return data.count(b"\n", start, end) + data.count(b"\r", start, end) - data.count(b"\r\n", start, end)
+
+
+def _texts(path: Path, file: BinaryIO, encoding: str) -> Iterator[tuple[bytes, int]]:
+    """Yield a file's text in UTF-8, some at a time, without its mark, each with the bytes read so far."""
+    head = file.read(4)
+    for mark, name in _MARKS.items():
+        if head.startswith(mark):
+            encoding = name
+    file.seek(0)
+    try:
+        decoder = None if codecs.lookup(encoding).name == "utf-8" else codecs.getincrementaldecoder(encoding)()
+    except LookupError as error:
+        raise OptionError(f"encoding={encoding!r} is none; pass a name such as 'utf-8' or 'cp1252'") from error
+    done, is_first = 0, True
+    while chunk := file.read(_CHUNK_BYTES):
+        done += len(chunk)
+        try:
+            text = chunk if decoder is None else decoder.decode(chunk).encode()
+        except UnicodeError as error:
+            raise ForeignFileError(path, f"it is no text in {encoding}: {error}; pass another encoding=") from error
+        if is_first:
+            text = text.removeprefix(codecs.BOM_UTF8)
+        is_first = False
+        yield text, done
+
+
+def first_rows(path: Path, separator: str, encoding: str, most: int) -> list[list[str]]:
+    """Return the cells of a file's first rows, whatever their number."""
+    with path.open("rb") as file:
+        data = b""
+        for text, _ in _texts(path, file, encoding):
+            data += text
+            if len(data) >= _SNIFFED_BYTES:
+                break
+    sample = data.decode("utf-8", "replace")
+    if len(data) >= _SNIFFED_BYTES:
+        sample = sample[: max(sample.rfind("\n"), sample.rfind("\r")) + 1] or sample
+    rows: list[list[str]] = []
+    with contextlib.suppress(csv.Error):
+        rows += itertools.islice(csv.reader(io.StringIO(sample, newline=""), delimiter=separator), most)
+    return rows
+
+
+def separator_of(path: Path, encoding: str) -> str:
+    """Return what separates a file's cells: what its first rows have the same number of."""
+    best, score = ",", (0, 0)
+    for candidate in SEPARATORS:
+        rows = [row for row in first_rows(path, candidate, encoding, 50) if any(cell.strip() for cell in row)]
+        if not rows or len(rows[0]) < 2:
+            continue
+        alike = sum(len(row) == len(rows[0]) for row in rows)
+        found = (alike * 100 // len(rows), len(rows[0]))
+        if found > score:
+            best, score = candidate, found
+    return best
