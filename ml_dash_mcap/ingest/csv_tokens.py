@@ -178,7 +178,7 @@ class Tokens:
             raise ForeignFileError(self.path, what, line, self.columns + 1)
         missing = self.columns - len(row)
         if missing and not self.allow_short:
-            hint = "; pass on_bad='missing' to take those that are there"
+            hint = "; pass on_bad='missing' to convert() to take those that are there"
             raise ForeignFileError(
                 self.path, f"the row has {len(row)} cells, but the header {self.columns}{hint}", line
             )
@@ -193,7 +193,7 @@ class Tokens:
             data.decode()
         except UnicodeDecodeError as error:
             at = line + data.count(b"\n", 0, error.start)
-            what = f"the byte 0x{data[error.start]:02x} is no UTF-8; pass encoding=, such as 'cp1252'"
+            what = f"the byte 0x{data[error.start]:02x} is no UTF-8; pass encoding= to convert(), such as 'cp1252'"
             raise ForeignFileError(self.path, what, at) from error
 
 
@@ -219,7 +219,9 @@ def _texts(path: Path, file: BinaryIO, encoding: str) -> Iterator[tuple[bytes, i
         try:
             text = chunk if decoder is None else decoder.decode(chunk).encode()
         except UnicodeError as error:
-            raise ForeignFileError(path, f"it is no text in {encoding}: {error}; pass another encoding=") from error
+            raise ForeignFileError(
+                path, f"it is no text in {encoding}: {error}; pass another encoding= to convert()"
+            ) from error
         if is_first:
             text = text.removeprefix(codecs.BOM_UTF8)
         is_first = False

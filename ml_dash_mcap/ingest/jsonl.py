@@ -141,7 +141,9 @@ class _File:
         if isinstance(row, dict):
             return row
         if self._options.on_bad == "raise":
-            raise ForeignFileError(self._path, f"{what}; pass on_bad='missing' to leave such lines out", line)
+            raise ForeignFileError(
+                self._path, f"{what}; pass on_bad='missing' to convert() to leave such lines out", line
+            )
         self._left_out += 1
         return None
 

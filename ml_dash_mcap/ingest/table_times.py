@@ -38,6 +38,7 @@ _PLAIN_S = (631_152_000, 4_102_444_800)
 """1990 and 2100, in s since 1970: numbers between them, in some unit, are wall-clock times in that unit."""
 
 _EXACT = 2**53
+_LEAVE_OUT = "on_bad='missing' to convert() to leave out what has no time"
 _ZONE = r"(Z|[+\-]\d\d:?\d\d)$"
 
 Floats = npt.NDArray[np.float64]
@@ -128,7 +129,7 @@ def is_likely(name: str) -> bool:
 
 def hint(time: float) -> str:
     """Return what to do about a time that is none."""
-    return "pass start= to shift the times" if time < 0 else "pass on_bad='missing' to leave out what has no time"
+    return f"pass {'start= to convert() to shift the times' if time < 0 else _LEAVE_OUT}"
 
 
 def are_times(times: Floats) -> npt.NDArray[np.bool_]:
@@ -165,7 +166,7 @@ def _none(path: Path, schema: pa.Schema, what: str) -> ForeignFileError:
     """Return the error for a table without a time, which lists its columns."""
     shown = ", ".join(f"{field.name} ({field.type})" for field in list(schema)[:40])
     more = f" and {len(schema) - 40} more" if len(schema) > 40 else ""
-    return ForeignFileError(path, f"{what}; pass time_column=, one of {shown}{more}")
+    return ForeignFileError(path, f"{what}; pass time_column= to convert(), one of {shown}{more}")
 
 
 def _may_be_time(type_: pa.DataType) -> bool:
@@ -211,8 +212,8 @@ def _plain_unit(path: Path, name: str, type_: pa.DataType, range_of: Callable[[s
         return "s"
     raise ForeignFileError(
         path,
-        f"the column {name!r} has the integers {low} to {high}, and nothing says what they count; pass time_unit=, one"
-        f" of {', '.join(map(repr, UNITS))}, or time_column= if another column is the time",
+        f"the column {name!r} has the integers {low} to {high}, and nothing says what they count; pass time_unit= to"
+        f" convert(), one of {', '.join(map(repr, UNITS))}, or time_column= if another column is the time",
     )
 
 
@@ -228,7 +229,7 @@ def _parsed(path: Path, texts: pa.Array, name: str) -> pa.Array:
         raise ForeignFileError(
             path,
             f"the column {name!r} has the text {odd[:40]!r}, which is no time as ISO 8601 has it"
-            f"{' with a zone, as others in it have' if zone else ''}; pass time_column= for another column",
+            f"{' with a zone, as others in it have' if zone else ''}; pass time_column= to convert() for another one",
         ) from error
 
 

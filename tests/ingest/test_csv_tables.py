@@ -129,7 +129,10 @@ def test_text_of_other_encodings(tmp_path: Path) -> None:
     ("text", "what"),
     [
         ("", r"line 1: the file is empty"),
-        ("a,b\n1,2\n", r"no column is called like a time; pass time_column=, one of a \(int64\), b \(int64\)"),
+        (
+            "a,b\n1,2\n",
+            r"no column is called like a time; pass time_column= to convert\(\), one of a \(int64\), b \(int64\)",
+        ),
         ("time,x\n0.5,1,2\n", "line 2, column 3: the row has 3 cells, but the header 2"),
         ("time,x\n0.5,1\n1.5\n", "line 3: the row has 1 cells, but the header 2; pass on_bad='missing'"),
         ('time,x\n0.5,"1\n', "line 2: a quote that begins in this row does not end"),

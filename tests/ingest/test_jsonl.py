@@ -58,7 +58,7 @@ def test_what_is_no_time_in_seconds_stays_a_field(tmp_path: Path, name: str, val
         (['{"t": 0.5, "x": 1}', "[1, 2]"], r"line 2: the line is '\[1, 2\]', which is no JSON object"),
         (['{"t": 0.5, "x": 1}', '{"x": 2}'], "line 2: the time is None under the key 't'.*on_bad='missing'"),
         (['{"t": -0.5, "x": 1}'], "line 1: the time is -0.5.*pass start="),
-        (['{"a": 0.5, "b": "x"}'], r"pass time_column=, one of a \(double\), b \(string\)"),
+        (['{"a": 0.5, "b": "x"}'], r"pass time_column= to convert\(\), one of a \(double\), b \(string\)"),
         (['{"t": 5, "x": 1}'], "the integers 5 to 5.*pass time_unit="),
     ],
 )

@@ -104,7 +104,7 @@ def test_integers_that_may_count_anything_need_a_unit(tmp_path: Path) -> None:
 
 def test_a_table_without_a_time_says_what_it_has(tmp_path: Path) -> None:
     path = written(tmp_path, {"a": [1.5], "b": ["x"]})
-    with pytest.raises(ForeignFileError, match=r"pass time_column=, one of a \(double\), b \(string\)"):
+    with pytest.raises(ForeignFileError, match=r"pass time_column= to convert\(\), one of a \(double\), b \(string\)"):
         Recording(path)
     with pytest.raises(ForeignFileError, match="could be its time"):
         Recording(written(tmp_path, {"a": pa.array([1], pa.timestamp("s")), "b": pa.array([1], pa.timestamp("s"))}))
