@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -13,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 from . import clock, topic_reader
 from .errors import MissingRecordingError, OptionError, StateError, UsageError
-from .export import Job, export
-from .export.destination import refuse_existing
+from .export import Job, export, format_of
+from .export.destination import refuse_existing, replacing
 from .export.job import Progress
+from .export.replacing import check_overwrite, keeper
 from .layout import (
     ACTIVE_SUFFIX,
     FILE_TOPIC,
@@ -99,6 +101,7 @@ class Recording(Mapping[str, TopicReader]):
         if not given:
             raise MissingRecordingError(errno.ENOENT, "an empty list of files is no recording", "")
         paths = [Path(one) for one in given]
+        self._paths = paths
         self.path = paths[0]
         """What was opened; of several, the first."""
         self._closed = False
@@ -351,22 +354,25 @@ class Recording(Mapping[str, TopicReader]):
         self,
         dest: str | Path,
         *,
-        format: str,
+        format: str | None = None,
         topics: Iterable[str] | None = None,
         start: float | None = None,
         end: float | None = None,
+        overwrite: bool = False,
         progress: Progress | None = None,
         **options: Any,
     ) -> Path:
         """Write topics in another format. The result appears when it is whole; until then nothing is at `dest`.
 
         Args:
-            dest: Where to; nothing may be there yet.
+            dest: Where to.
             format: "parquet", "csv", "jsonl", "dreamlake", "rosbag2", "rosbag1", "mocap", "vicon", "qtm", "trc", "sto"
-                or "c3d"; the guides say what each writes.
+                or "c3d"; the guides say what each writes. None to tell by the suffix of `dest`, such as ".parquet".
             topics: Names; None for all that hold rows of a robot.
             start: First time stamp, in s; None for the beginning.
             end: Last time stamp, included, in s; None for the end.
+            overwrite: Whether to replace a file, or a folder of the same kind, that is at `dest`. It stays until the
+                new one is whole.
             progress: Called now and then with the rows done and the rows in all.
             options: Of the format.
 
@@ -374,18 +380,21 @@ class Recording(Mapping[str, TopicReader]):
             `dest`.
 
         Raises:
-            DestinationExistsError: Something is at `dest`; also a FileExistsError.
+            DestinationExistsError: Something is at `dest` that may not be replaced; also a FileExistsError.
             NotFoundError: There is no such topic; also a KeyError.
-            FormatError: There is no such format; also a ValueError.
+            FormatError: There is no such format, or the suffix says none; also a ValueError.
             UsageError: The format has no such option; also a TypeError.
             RangeError: The range's start lies after its end; also a ValueError.
         """
         dest = Path(dest)
-        refuse_existing(dest)
-        low, high = check_range(start, end, ("start", "end"))
-        known = {**self.run, "params": self.params}
-        chosen = Lookup("topic", self._chosen(topics), self._info)
-        return export(Job(dest, self._opened(), chosen, low, high, known, progress), format, options)
+        wanted = format if format is not None else format_of(dest)
+        check_overwrite(overwrite)
+        with replacing(keeper(wanted, [*self._paths, *self.segments])) if overwrite else nullcontext():
+            refuse_existing(dest)
+            low, high = check_range(start, end, ("start", "end"))
+            known = {**self.run, "params": self.params}
+            chosen = Lookup("topic", self._chosen(topics), self._info)
+            return export(Job(dest, self._opened(), chosen, low, high, known, progress), wanted, options)
 
     def close(self) -> None:
         """Close the files. May be called twice."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 from typing import Any
 
-from ..export import EXPORTERS
+from ..export import EXPORTERS, format_of
 from . import output, progress, reading, times
 
 SUMMARY = "write topics in another format"
@@ -15,11 +16,9 @@ SUMMARY = "write topics in another format"
 def add(parser: argparse.ArgumentParser) -> None:
     """Say which arguments it takes."""
     reading.add_path(parser)
-    parser.add_argument("dest", metavar="DEST", help="where to; nothing may be there yet")
+    parser.add_argument("dest", metavar="DEST", help="where to; a suffix such as .parquet says the format")
     formats = ", ".join(sorted(EXPORTERS))
-    parser.add_argument(
-        "--format", metavar="FORMAT", required=True, choices=sorted(EXPORTERS), help=f"one of {formats}"
-    )
+    parser.add_argument("--format", metavar="FORMAT", choices=sorted(EXPORTERS), help=f"one of {formats}")
     parser.add_argument("--topics", metavar="TOPIC", nargs="+", help="names; all topics by default")
     parser.add_argument("--start", metavar="TIME", type=times.parse, help=f"first time stamp, {times.HELP}")
     parser.add_argument("--end", metavar="TIME", type=times.parse, help="last time stamp, included")
@@ -31,24 +30,27 @@ def add(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="an option of the format, such as flatten=true; the guide on exporting lists them",
     )
+    parser.add_argument("--overwrite", action="store_true", help="replace what DEST names, once the new one is whole")
     parser.add_argument("--json", action="store_true", help="print what was done as JSON")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write them; returns the exit code."""
+    chosen = arguments.format or format_of(Path(arguments.dest))
     with reading.opened(arguments) as recording:
-        with progress.shown(f"export {arguments.format}") as report:
+        with progress.shown(f"export {chosen}") as report:
             dest = recording.export(
                 arguments.dest,
-                format=arguments.format,
+                format=chosen,
                 topics=arguments.topics,
                 start=arguments.start,
                 end=arguments.end,
+                overwrite=arguments.overwrite,
                 progress=report,
                 **dict(arguments.option),
             )
         if arguments.json:
-            output.print_json({"dest": str(dest), "format": arguments.format})
+            output.print_json({"dest": str(dest), "format": chosen})
         else:
             print(dest)
         return reading.code(recording)

@@ -40,6 +40,18 @@ EXPORTERS: Mapping[str, str] = {
 }
 """What `Recording.export(format=...)` takes, to the module here whose `export(job, **options)` does it."""
 
+SUFFIXES: Mapping[str, str] = {
+    ".bag": "rosbag1",
+    ".parquet": "parquet",
+    ".csv": "csv",
+    ".jsonl": "jsonl",
+    ".trc": "trc",
+    ".sto": "sto",
+    ".tsv": "qtm",
+    ".c3d": "c3d",
+}
+"""What a destination's suffix says about its format, for `export` and `convert`."""
+
 STREAMS: Mapping[str, str] = {"csv": "csv_files", "jsonl": "jsonl_files"}
 """What `TopicReader.write(format=...)` takes, to the module here whose `stream(selection, info, out)` does it."""
 
@@ -64,6 +76,22 @@ def export(job: Job, format: str, options: Mapping[str, Any]) -> Path:
     return result
 
 
+def format_of(dest: Path) -> str:
+    """Return the format that a destination's suffix says.
+
+    Raises:
+        FormatError: It says none; the message names all formats and suffixes.
+    """
+    named = SUFFIXES.get(dest.suffix.lower())
+    if named is None:
+        suffixes = ", ".join(f"{suffix} ({name})" for suffix, name in SUFFIXES.items())
+        raise FormatError(
+            f"{str(dest)!r} does not say which format to write: pass format=, one of {', '.join(sorted(EXPORTERS))};"
+            f" or end it with {suffixes}"
+        )
+    return named
+
+
 def format_hint(name: object, known: Iterable[str]) -> str:
     """Return what to say of a format that is not known: the one that was meant, and all there are."""
     return f"{did_you_mean(name, known)} the formats are {', '.join(sorted(known))}".strip()
@@ -81,4 +109,15 @@ def stream(selection: Selection, info: TopicInfo, out: BinaryIO, format: str) ->
     import_module(f".{module}", __name__).stream(selection, info, out)
 
 
-__all__ = ["EXPORTERS", "FORMATS", "STREAMS", "Job", "Selection", "export", "format_hint", "stream"]
+__all__ = [
+    "EXPORTERS",
+    "FORMATS",
+    "STREAMS",
+    "SUFFIXES",
+    "Job",
+    "Selection",
+    "export",
+    "format_hint",
+    "format_of",
+    "stream",
+]

@@ -9,12 +9,33 @@ import os
 import shutil
 import unicodedata
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextvars import ContextVar
 from pathlib import Path
 
 from ..errors import DestinationExistsError, StorageError
+from .exchange import exchange
 
 _LONGEST_NAME = 200
+
+_keep: ContextVar[Callable[[Path], str] | None] = ContextVar("keep", default=None)
+"""Returns why what is at a destination must stay; empty if it may be replaced. None where nothing may.
+
+Exporters write to one destination or several, some of which they name themselves; this reaches all of them."""
+
+
+@contextlib.contextmanager
+def replacing(keep: Callable[[Path], str]) -> Iterator[None]:
+    """Let the block's destinations replace what is there: the old one stays until the new one is whole.
+
+    Args:
+        keep: Returns why what is at a path must stay, in words; empty if it may be replaced.
+    """
+    token = _keep.set(keep)
+    try:
+        yield
+    finally:
+        _keep.reset(token)
 
 
 @contextlib.contextmanager
@@ -25,7 +46,7 @@ def fresh_file(dest: Path) -> Iterator[Path]:
         DestinationExistsError: There is something at `dest` already.
         StorageError: It cannot be written.
     """
-    with _fresh(dest) as path:
+    with _fresh(dest, is_folder=False) as path:
         yield path
 
 
@@ -37,21 +58,23 @@ def fresh_folder(dest: Path) -> Iterator[Path]:
         DestinationExistsError: There is something at `dest` already, other than an empty folder.
         StorageError: It cannot be written.
     """
-    with _fresh(dest) as path:
+    with _fresh(dest, is_folder=True) as path:
         path.mkdir()
         yield path
 
 
 @contextlib.contextmanager
-def _fresh(dest: Path) -> Iterator[Path]:
+def _fresh(dest: Path, *, is_folder: bool) -> Iterator[Path]:
     refuse_existing(dest)
+    _refuse_other_kind(dest, is_folder)
     beside = dest.parent / f".{dest.name[:_LONGEST_NAME]}.{uuid.uuid4().hex[:8]}.part"
     made = [folder for folder in dest.parents if not folder.exists()]
     try:
         dest.parent.mkdir(parents=True, exist_ok=True)
         yield beside
         refuse_existing(dest)
-        os.replace(beside, dest)
+        _refuse_other_kind(dest, is_folder)
+        _put(beside, dest)
     except OSError as error:
         _remove(beside, made)
         if isinstance(error, StorageError):
@@ -63,11 +86,45 @@ def _fresh(dest: Path) -> Iterator[Path]:
 
 
 def refuse_existing(dest: Path) -> None:
-    """Raise DestinationExistsError if there is something at a path, other than an empty folder."""
-    if dest.is_dir() and not dest.is_symlink() and next(dest.iterdir(), None) is None:
+    """Raise DestinationExistsError if there is something at a path that must stay; an empty folder need not."""
+    if _is_empty_folder(dest) or not (dest.exists() or dest.is_symlink()):
         return
-    if dest.exists() or dest.is_symlink():
-        raise DestinationExistsError(errno.EEXIST, "is there already; remove it, or export to another place", str(dest))
+    keep = _keep.get()
+    if keep is None:
+        what = "is there already; overwrite=True (--overwrite) replaces it, or choose another place"
+        raise DestinationExistsError(errno.EEXIST, what, str(dest))
+    reason = keep(dest)
+    if reason:
+        raise DestinationExistsError(errno.EEXIST, f"cannot be replaced: it {reason}", str(dest))
+
+
+def _refuse_other_kind(dest: Path, is_folder: bool) -> None:
+    """Raise DestinationExistsError if a file would replace a folder with something in it, or a folder a file."""
+    if dest.exists() and dest.is_dir() != is_folder and not _is_empty_folder(dest):
+        kinds = ("a folder", "a file")
+        there, new = kinds if dest.is_dir() else kinds[::-1]
+        what = f"cannot be replaced: it is {there}, and what is written is {new}"
+        raise DestinationExistsError(errno.EEXIST, what, str(dest))
+
+
+def _is_empty_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink() and next(path.iterdir(), None) is None
+
+
+def _put(new: Path, dest: Path) -> None:
+    """Give something its name, and remove what has that name so far; there is always one of the two."""
+    if dest.is_dir() and not _is_empty_folder(dest):
+        old = new.with_suffix(".old")
+        if exchange(new, dest):
+            os.replace(new, old)
+        else:
+            os.replace(dest, old)
+            os.replace(new, dest)
+        shutil.rmtree(old, ignore_errors=True)
+        return
+    if dest.is_dir() and not new.is_dir():
+        dest.rmdir()
+    os.replace(new, dest)
 
 
 def _remove(path: Path, made: Iterable[Path]) -> None:

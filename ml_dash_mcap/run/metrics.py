@@ -33,8 +33,8 @@ class Metric:
         Args:
             values: A dict of fields.
             **fields: Fields by name; they win over those of `values`. `_ts` sets the point's time stamp, in seconds; by
-                default it is the time of the recording: wall-clock time, or the latest time stamp of a track where those
-                are not of now.
+                default it is the time of the recording: wall-clock time, or the latest time stamp of a track where
+                those are not of now.
 
         Raises:
             FieldError: A value cannot be stored.

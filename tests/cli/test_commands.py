@@ -308,7 +308,7 @@ def test_debug_shows_where_an_error_came_from(tmp_path: Path) -> None:
         ["cat", "x", "y", "--start", "yesterday"],
         ["cat", "x", "y", "--format", "xml"],
         ["cat", "x", "y", "--limit", "many"],
-        ["export", "x", "y"],
+        ["export", "x"],
         ["export", "x", "y", "--format", "xml"],
         ["export", "x", "y", "--format", "csv", "--option", "flat"],
     ],
