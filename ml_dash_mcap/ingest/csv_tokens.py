@@ -153,7 +153,7 @@ class Tokens:
                     break
             if seen_header:
                 self._put(row, marks, line, cells, quoted, lines)
-            seen_header = True
+            seen_header = seen_header or any(one.strip() for one in row)
             line += _breaks(data, start, at)
             start, row, marks = at, [], []
         if is_header and not seen_header:
@@ -229,7 +229,7 @@ def _texts(path: Path, file: BinaryIO, encoding: str) -> Iterator[tuple[bytes, i
 
 
 def first_rows(path: Path, separator: str, encoding: str, most: int) -> list[list[str]]:
-    """Return the cells of a file's first rows, whatever their number."""
+    """Return the cells of a file's first rows that have any text, whatever their number."""
     with path.open("rb") as file:
         data = b""
         for text, _ in _texts(path, file, encoding):
@@ -241,7 +241,8 @@ def first_rows(path: Path, separator: str, encoding: str, most: int) -> list[lis
         sample = sample[: max(sample.rfind("\n"), sample.rfind("\r")) + 1] or sample
     rows: list[list[str]] = []
     with contextlib.suppress(csv.Error):
-        rows += itertools.islice(csv.reader(io.StringIO(sample, newline=""), delimiter=separator), most)
+        reader = csv.reader(io.StringIO(sample, newline=""), delimiter=separator)
+        rows += itertools.islice((row for row in reader if any(cell.strip() for cell in row)), most)
     return rows
 
 
@@ -249,7 +250,7 @@ def separator_of(path: Path, encoding: str) -> str:
     """Return what separates a file's cells: what its first rows have the same number of."""
     best, score = ",", (0, 0)
     for candidate in SEPARATORS:
-        rows = [row for row in first_rows(path, candidate, encoding, 50) if any(cell.strip() for cell in row)]
+        rows = first_rows(path, candidate, encoding, 50)
         if not rows or len(rows[0]) < 2:
             continue
         alike = sum(len(row) == len(rows[0]) for row in rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from ..errors import ForeignFileError
+from ..errors import ConversionWarning, ForeignFileError, OptionError
 from ..export.parquet_files import ABOUT_KEY
 from ..recorder import Recorder
 from . import Progress, table_files
@@ -46,6 +47,7 @@ def record(
     topic: str | None = None,
     start: float = 0.0,
     on_bad: str = "raise",
+    on_damage: str = "raise",
 ) -> None:
     """Append Parquet files, one topic a file.
 
@@ -63,14 +65,21 @@ def record(
         topic: What to call the topic; by default what the file says, or else the file's name.
         start: The time stamp of the table's time 0, in s.
         on_bad: What to do with rows without a time: "raise", or "missing" to leave them out and warn.
+        on_damage: What to do if a row group is damaged: "raise", or "skip" to leave out the rest of it and warn.
 
     Raises:
         ForeignFileError: It is no Parquet file, has no column of times, or one whose unit is not plain; says which
             columns there are.
         NotFoundError: There is no such `time_column`.
     """
+    if on_damage not in ("raise", "skip"):
+        raise OptionError(f"on_damage={on_damage!r}: it must be 'raise' or 'skip'")
     options = TableOptions(time_column, time_unit, topic, start, on_bad)
-    table_files.record(src, recorder, _File, options, progress, _rows)
+
+    def opened(path: Path) -> _File:
+        return _File(path, skips=on_damage == "skip")
+
+    table_files.record(src, recorder, opened, options, progress, _rows)
 
 
 def _rows(path: Path) -> int:
@@ -84,8 +93,8 @@ def _rows(path: Path) -> int:
 class _File:
     """One Parquet file."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, *, skips: bool = False) -> None:
+        self.path, self._skips = path, skips
         try:
             self._file = pq.ParquetFile(
                 path, buffer_size=_BUFFER_BYTES, pre_buffer=False, page_checksum_verification=True
@@ -110,7 +119,7 @@ class _File:
         low: Any = None
         high: Any = None
         at = self.schema.names.index(column)
-        for batch in self._batches([column] if self.schema.names.count(column) == 1 else None):
+        for batch in self._of_column(column):
             array = batch.column(0 if batch.num_columns == 1 else at)
             found = pc.min_max(array.dictionary_decode() if pa.types.is_dictionary(array.type) else array).as_py()
             if found["min"] is not None:
@@ -118,21 +127,44 @@ class _File:
                 high = found["max"] if high is None else max(high, found["max"])
         return low, high
 
+    def _of_column(self, column: str) -> Iterator[pa.RecordBatch]:
+        """Yield a column, or all of them if its name is there twice."""
+        wanted = [column] if self.schema.names.count(column) == 1 else None
+        for group in range(self._file.metadata.num_row_groups):
+            try:
+                yield from self._batches(wanted, [group])
+            except ForeignFileError:
+                if not self._skips:
+                    raise
+
     def batches(self) -> Iterator[pa.RecordBatch]:
         """Yield the rows, some at a time."""
-        return self._batches(None)
+        lost = 0
+        for group in range(self._file.metadata.num_row_groups):
+            rest: int = self._file.metadata.row_group(group).num_rows
+            try:
+                for batch in self._batches(None, [group]):
+                    yield batch
+                    rest -= batch.num_rows
+            except ForeignFileError:
+                if not self._skips:
+                    raise
+                lost += rest
+        if lost:
+            what = f"{self.path}: {lost} of {self.rows} rows are damaged and were left out"
+            warnings.warn(what, ConversionWarning, stacklevel=4)
 
     def place(self, row: int) -> str:
         """Return where a row stands, in words."""
         return f"row {row}"
 
-    def _batches(self, columns: list[str] | None) -> Iterator[pa.RecordBatch]:
+    def _batches(self, columns: list[str] | None, groups: list[int]) -> Iterator[pa.RecordBatch]:
         metadata = self._file.metadata
         size = sum(metadata.row_group(at).total_byte_size for at in range(metadata.num_row_groups))
         each = max(1, size // max(1, metadata.num_rows))
         rows = _BATCH_ROWS if columns else max(1, min(_BATCH_ROWS, _BATCH_BYTES // each))
         try:
-            yield from self._file.iter_batches(batch_size=rows, columns=columns)
+            yield from self._file.iter_batches(batch_size=rows, columns=columns, row_groups=groups)
         except (pa.ArrowException, OSError) as error:
             raise ForeignFileError(self.path, f"it is damaged, or has what cannot be read: {error}") from error
 

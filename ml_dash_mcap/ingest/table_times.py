@@ -22,10 +22,11 @@ UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 """Units of time, to how many of them a second has."""
 
 NAMES = (
-    *(TIME_KEY, "timestamp", "time", "stamp", "t", "ts"),
-    *("datetime", "date_time", "elapsed", "seconds", "nanoseconds"),
+    *(TIME_KEY, "timestamp", "time", "stamp", "t", "ts", "datetime", "date_time", "elapsed", "elapsed_time"),
+    *("unix_time", "epoch", "log_time", "sim_time", "rosbagtimestamp", "seconds", "nanoseconds", "date"),
 )
-"""Names of columns of time, the likeliest first; a unit may stand behind them: `time_ns`, `Time (s)`, `t [ms]`."""
+"""Names of columns of time, the likeliest first; a unit may stand behind them: `time_ns`, `Time (s)`, `t [ms]`, and
+`%`, `#` or `_` before them: `%time`, `__time`."""
 
 _WORDS = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
@@ -184,18 +185,22 @@ def _is_text(type_: pa.DataType) -> bool:
 def _rank(name: str) -> int | None:
     """Return how likely a name is that of a time; less is likelier, None is not at all."""
     plain = name.strip().lower()
-    without = _BEHIND.sub("", plain)
-    for candidate in (plain, without):
+    for more, candidate in enumerate((plain, _bare(plain), _BEHIND.sub("", plain), _BEHIND.sub("", _bare(plain)))):
         if candidate in NAMES:
-            return 2 * NAMES.index(candidate) + (candidate != plain)
+            return 4 * NAMES.index(candidate) + more
     return None
 
 
+def _bare(name: str) -> str:
+    """Return a name without what some tools put before it."""
+    return name.lstrip("%#_ ")
+
+
 def _unit_behind(name: str) -> str | None:
-    plain = name.strip().lower()
+    plain = _bare(name.strip().lower())
     if plain in ("seconds", "nanoseconds"):
         return _WORDS[plain]
-    if plain == TIME_KEY:
+    if name == TIME_KEY:
         return "s"
     behind = _BEHIND.search(plain)
     return _WORDS[behind[1]] if behind and plain not in NAMES else None

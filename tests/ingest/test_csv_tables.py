@@ -104,6 +104,13 @@ def test_separators_line_ends_and_marks_are_told(tmp_path: Path, separator: str,
         ]
 
 
+def test_lines_without_text_say_nothing_at_any_place(tmp_path: Path) -> None:
+    text = "\n,,\n  \t \ntime,n,\n\n0.5,1,\n , ,\n\n,,\n1.5,2,\n,\n"
+    assert fields(tmp_path, text) == [{"n": 1, "_ts": 0.5}, {"n": 2, "_ts": 1.5}]
+    with pytest.raises(ForeignFileError, match="line 11, column 3: the row has 3 cells, but the header 2"):
+        fields(tmp_path, text.replace("time,n,", "time,n").replace("1.5,2,", "\n1.5,2,3"))
+
+
 def test_a_tsv_file_is_one_too(tmp_path: Path) -> None:
     assert rows(written(tmp_path, "time\tx\n0.5\t1\n", "t.tsv")) == [{"x": 1, "_ts": 0.5}]
 

@@ -61,6 +61,10 @@ def converted(path: Path, **options: Any) -> list[dict[str, Any]]:
         ("timestamp", [1_700_000_000_500_000, 1_700_000_001_500_000], [1_700_000_000.5, 1_700_000_001.5]),
         ("timestamp", [EPOCH_NS], [EPOCH_NS / 1e9]),
         ("timestamp", [1_700_000_000_500.0], [1_700_000_000.5]),
+        ("%time", [EPOCH_NS], [EPOCH_NS / 1e9]),
+        ("__time", [0.5], [0.5]),
+        ("rosbagTimestamp", [EPOCH_NS], [EPOCH_NS / 1e9]),
+        ("TIME_US", [500_000], [0.5]),
         ("when", pa.array([EPOCH_NS], pa.timestamp("ns")), [EPOCH_NS / 1e9]),
         ("when", pa.array([EPOCH_NS], pa.timestamp("ns", "Europe/Berlin")), [EPOCH_NS / 1e9]),
         ("time", pa.array([1_700_000_000_500], pa.timestamp("ms")), [1_700_000_000.5]),
@@ -76,6 +80,15 @@ def test_the_time_is_found_by_its_name_and_type(tmp_path: Path, name: str, value
     found = rows(path)
     assert [row["_ts"] for row in found] == expected
     assert [row["x"] for row in found] == list(range(len(expected)))
+
+
+def test_the_likeliest_of_several_names_is_taken(tmp_path: Path) -> None:
+    columns = {"date": ["2024-01-01"], "t": [1.0], "time_ns": [2 * 10**9], "time": [3.0], "timestamp": [4.0]}
+    assert rows(written(tmp_path, columns))[0]["_ts"] == 4.0
+    del columns["timestamp"]
+    assert rows(written(tmp_path, columns))[0] == {"date": "2024-01-01", "t": 1.0, "time_ns": 2 * 10**9, "_ts": 3.0}
+    del columns["time"]
+    assert rows(written(tmp_path, columns))[0]["_ts"] == 2.0
 
 
 def test_a_unit_in_the_metadata_counts(tmp_path: Path) -> None:
@@ -326,6 +339,16 @@ def test_damage_to_what_we_exported_is_seen(tmp_path: Path) -> None:
         Recording(path)
     with pytest.raises(OSError, match="CRC"):
         pq.ParquetFile(path, page_checksum_verification=True).read()
+
+
+def test_what_is_not_damaged_can_be_taken(tmp_path: Path) -> None:
+    columns = {"time": np.arange(60_000.0), "x": np.arange(60_000)}
+    path = damaged(written(tmp_path, columns, row_group_size=20_000, use_dictionary=False, write_page_checksum=True))
+    with pytest.warns(ConversionWarning, match=r"20000 of 60000 rows are damaged and were left out"):
+        convert(path, tmp_path / "run", on_damage="skip")
+    assert [row["x"] for row in rows(tmp_path / "run")] == list(range(20_000, 60_000))
+    with pytest.raises(OptionError, match="on_damage='ignore'"):
+        convert(path, tmp_path / "no", on_damage="ignore")
 
 
 def test_progress_counts_the_rows(tmp_path: Path) -> None:
