@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, overload
 
 from . import paths
 from .errors import StateError, UsageError
@@ -140,6 +140,16 @@ class Experiment:
     def files(self) -> Files:
         """Files: `exp.files("frames").save_image(frame, to="frame_00001.jpg")`."""
         return self._live().files
+
+    @overload
+    def log(
+        self, message: None = None, level: None = None, metadata: Mapping[str, Any] | None = None, **beside: Any
+    ) -> Logs: ...
+
+    @overload
+    def log(
+        self, message: object, level: str | None = None, metadata: Mapping[str, Any] | None = None, **beside: Any
+    ) -> None: ...
 
     def log(
         self,

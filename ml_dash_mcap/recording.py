@@ -10,7 +10,7 @@ from functools import partial
 from html import escape
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from . import clock, topic_reader
 from .errors import MissingRecordingError, OptionError, StateError, UsageError
@@ -41,6 +41,7 @@ from .read.losses import Loss
 from .read.rows import check_range
 from .read.segments import Segments
 from .read.topics import TopicInfo
+from .results import BytesFormat, Entries, Take
 from .topic_reader import TopicReader
 
 if TYPE_CHECKING:
@@ -175,6 +176,48 @@ class Recording(Mapping[str, TopicReader]):
             return True
         verified = [file.verify() for file in self._opened()]  # a damaged summary may have misspelt it
         return any(verified) and topic in self._channel_names()
+
+    @overload
+    def read(
+        self,
+        topic: str,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+        format: Literal["json"] = "json",
+    ) -> Entries: ...
+
+    @overload
+    def read(
+        self,
+        topic: str,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+        *,
+        format: BytesFormat,
+    ) -> bytes: ...
+
+    @overload
+    def read(
+        self,
+        topic: str,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+        *,
+        format: Literal["mocap"],
+    ) -> Take: ...
+
+    @overload
+    def read(
+        self,
+        topic: str,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+        format: str = "json",
+    ) -> Any: ...
 
     def read(
         self,

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NoReturn
+from typing import Any, NoReturn, overload
 
 from . import paths
 from .errors import OptionError, StateError
@@ -160,6 +160,16 @@ class Session:
     def parameters(self) -> Parameters:
         """Return the session's parameters: `session.parameters().set(learning_rate=1e-3)`."""
         return self._open_live("parameters").parameters
+
+    @overload
+    def log(
+        self, message: None = None, level: None = None, metadata: Mapping[str, Any] | None = None, **beside: Any
+    ) -> Logs: ...
+
+    @overload
+    def log(
+        self, message: object, level: str | None = None, metadata: Mapping[str, Any] | None = None, **beside: Any
+    ) -> None: ...
 
     def log(
         self,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol, overload
 
 import numpy.typing as npt
 
@@ -15,6 +15,7 @@ from .read import places
 from .read.file import File
 from .read.rows import check_index, check_range
 from .read.topics import TopicInfo
+from .results import BytesFormat, Entries, Take
 from .rows.columns import FIELD_PREFIX, check_columns
 
 if TYPE_CHECKING:
@@ -70,6 +71,44 @@ class TopicReader:
     def info(self) -> TopicInfo:
         """Count, times, fields and what else is known without reading the rows."""
         return self._source.info(self.name)
+
+    @overload
+    def read(
+        self,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+        format: Literal["json"] = "json",
+    ) -> Entries: ...
+
+    @overload
+    def read(
+        self,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+        *,
+        format: BytesFormat,
+    ) -> bytes: ...
+
+    @overload
+    def read(
+        self,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+        *,
+        format: Literal["mocap"],
+    ) -> Take: ...
+
+    @overload
+    def read(
+        self,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+        format: str = "json",
+    ) -> Any: ...
 
     def read(
         self,

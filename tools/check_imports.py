@@ -14,7 +14,7 @@ PACKAGE = "ml_dash_mcap"
 ROOT = Path(__file__).resolve().parent.parent / PACKAGE
 
 FLOORS: list[set[str]] = [
-    {"version", "errors", "clock", "layout", "suggestions", "time_hints"},
+    {"version", "errors", "clock", "layout", "suggestions", "time_hints", "results"},
     {"options", "timestamps", "paths", "run_folders", "definitions", "lookup", "annotations"},
     {"rows"},
     {"ros", "mocap"},

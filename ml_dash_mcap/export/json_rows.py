@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
+from ..results import Entries
 from .selection import Selection
 
 TIME_NAME = "timestamp"
 """What ml-dash calls a row's time."""
 
 
-def render(selection: Selection) -> dict[str, Any]:
+def render(selection: Selection) -> Entries:
     """Return `{"entries": [{"timestamp": s, "q": ...}, ...], "count": n}`.
 
     Nested dicts come back with dotted names; fields that a row does not have are absent from it; non-finite numbers

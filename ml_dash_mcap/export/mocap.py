@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from .. import clock
 from ..mocap.frames import mean_rate, spacing
 from ..read import topics
+from ..results import Take
 from .selection import Selection
 
 VERSION = "1.0"
 TIME_NAME = "time"
 
 
-def render(selection: Selection) -> dict[str, Any]:
+def render(selection: Selection) -> Take:
     """Return `{"version", "metadata", "channels", "frames"}`, a frame being `{"time": s, "q": ...}`.
 
     A field that is itself called `time` is `fields.time` here.

@@ -8,6 +8,7 @@ from typing import Any
 from ..errors import FieldError, UsageError
 from ..layout import METRIC, METRIC_TOPICS
 from ..recorder import Recorder
+from ..results import Page
 from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..topic import EventTopic, check_topic
 from . import pages
@@ -68,7 +69,7 @@ class Metric:
         self._topic.flush()
         return self
 
-    def read(self, start_index: int = 0, limit: int = 1000) -> dict[str, Any]:
+    def read(self, start_index: int = 0, limit: int = 1000) -> Page:
         """Return points by index, flushed first.
 
         Args:

@@ -9,13 +9,14 @@ from typing import Any, SupportsIndex
 
 from .. import clock
 from ..errors import RangeError
+from ..results import Page, Point
 from . import utc
 
 CHUNK_SIZE = 10_000
 """What both packages report as the number of points after which a server archives them; nothing here depends on it."""
 
 
-def page(rows: Iterable[dict[str, Any]], start_index: int, limit: int, begun_s: float) -> dict[str, Any]:
+def page(rows: Iterable[dict[str, Any]], start_index: int, limit: int, begun_s: float) -> Page:
     """Return some rows by their place.
 
     Args:
@@ -43,7 +44,7 @@ def page(rows: Iterable[dict[str, Any]], start_index: int, limit: int, begun_s: 
     }
 
 
-def point(index: int, row: dict[str, Any], begun_s: float) -> dict[str, Any]:
+def point(index: int, row: dict[str, Any], begun_s: float) -> Point:
     """Return one row with its index and the time of its making."""
     return {"index": index, "data": row, "createdAt": created(row["_ts"], begun_s)}
 

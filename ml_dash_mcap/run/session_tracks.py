@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, overload
 
 from ..errors import RangeError
+from ..results import BytesFormat, Page, Take, TimePage
 from ..rows.encode import TIME_KEY
 from ..topic import Topic
 from . import pages
@@ -83,6 +84,54 @@ class SessionTrack(BoundTopic):
         """Learn that everything appended so far was flushed together with other tracks."""
         self._flushed = self._taken
 
+    @overload
+    def read(
+        self,
+        start_index: int = 0,
+        limit: int | None = None,
+        *,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Sequence[str] | None = None,
+        format: Literal["json"] = "json",
+    ) -> Page: ...
+
+    @overload
+    def read(
+        self,
+        start_index: int = 0,
+        limit: int | None = None,
+        *,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Sequence[str] | None = None,
+        format: BytesFormat,
+    ) -> bytes: ...
+
+    @overload
+    def read(
+        self,
+        start_index: int = 0,
+        limit: int | None = None,
+        *,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Sequence[str] | None = None,
+        format: Literal["mocap"],
+    ) -> Take: ...
+
+    @overload
+    def read(
+        self,
+        start_index: int = 0,
+        limit: int | None = None,
+        *,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Sequence[str] | None = None,
+        format: str = "json",
+    ) -> Any: ...
+
     def read(
         self,
         start_index: int = 0,
@@ -128,7 +177,7 @@ class SessionTrack(BoundTopic):
         end_time: float | None = None,
         limit: int = DEFAULT_LIMIT,
         reverse: bool = False,
-    ) -> dict[str, Any]:
+    ) -> TimePage:
         """Return the points of a time range.
 
         Args:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Generic, TypeVar, overload
+from typing import Any, Generic, Literal, TypeVar, overload
 
 from ..annotations import NOTHING_SAID, collect
 from ..errors import EntryNotFoundError, FieldError, RangeError
 from ..layout import TRACK
 from ..recorder import Recorder
+from ..results import BytesFormat, Entries, Take
 from ..topic import Topic, check_topic
 from .readback import Readback
 
@@ -47,11 +48,49 @@ class Track(BoundTopic):
 
     __slots__ = ()
 
+    @overload
     def read(
         self,
         start_timestamp: float | None = None,
         end_timestamp: float | None = None,
-        columns: Sequence[str] | None = None,
+        columns: Iterable[str] | None = None,
+        format: Literal["json"] = "json",
+    ) -> Entries: ...
+
+    @overload
+    def read(
+        self,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+        *,
+        format: BytesFormat,
+    ) -> bytes: ...
+
+    @overload
+    def read(
+        self,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+        *,
+        format: Literal["mocap"],
+    ) -> Take: ...
+
+    @overload
+    def read(
+        self,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+        format: str = "json",
+    ) -> Any: ...
+
+    def read(
+        self,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
         format: str = "json",
     ) -> Any:
         """Return the rows of a time range, merged and sorted by time, earlier runs under this prefix included.
@@ -79,8 +118,7 @@ class Track(BoundTopic):
 
     def list_entries(self) -> list[Entry]:
         """Return all rows, as `read()["entries"]`."""
-        entries: list[Entry] = self.read()["entries"]
-        return entries
+        return self.read()["entries"]
 
     def slice(self, start_timestamp: float | None = None, end_timestamp: float | None = None) -> TrackSlice:
         """Return the rows of a time range, both ends included, for iterating and for finding by time."""
