@@ -43,6 +43,10 @@ class Topic:
         self._head = struct.pack("<HI", channel.number, 0)
         self._probe = b"n"[0]
 
+    def __repr__(self) -> str:
+        state = "closed" if self._recorder.closed else "recording"
+        return f"<{type(self).__name__} {self.name!r} in {str(self._recorder.path)!r}, {state}>"
+
     def append(
         self: T, /, *positional: Any, _ts: Any = MISSING, timestamp: Any = MISSING, _exact: Any = MISSING, **fields: Any
     ) -> T:

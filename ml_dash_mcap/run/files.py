@@ -49,6 +49,9 @@ class Files:
         self._path = path
         self._details = details
 
+    def __repr__(self) -> str:
+        return f"<Files {str(self._path)!r} in {str(self._store.folder)!r}>"
+
     def __call__(
         self,
         dir: str | None = None,

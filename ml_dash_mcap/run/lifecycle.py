@@ -48,6 +48,9 @@ class Run(Generic[OwnerT, TrackT]):
         self.status: Status | None = None
         """How the run stands; None before its first start."""
 
+    def __repr__(self) -> str:
+        return f"<Run of {self._owner!r}>"
+
     def start(self) -> OwnerT:
         """Start recording; does nothing while it is started. After its end, a run starts again and is added to.
 

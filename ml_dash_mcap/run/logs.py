@@ -44,6 +44,10 @@ class Logs:
         self._schema = definitions.load("ml_dash.log")
         self._topic: EventTopic | None = None
 
+    def __repr__(self) -> str:
+        fields = f", with {', '.join(self._beside)}" if self._beside else ""
+        return f"<Logs of {self._name!r}{fields}>"
+
     def info(self, message: Any, **beside: Any) -> None:
         """Log what went as it should."""
         self.write("info", message, beside, sys._getframe(1))

@@ -28,6 +28,9 @@ class Metric:
         self._topic = topic
         self._readback = readback
 
+    def __repr__(self) -> str:
+        return f"<Metric {self.name!r}>"
+
     def log(self, values: Mapping[str, Any] | None = None, /, **fields: Any) -> Metric:
         """Log one point; any fields.
 
@@ -106,6 +109,10 @@ class Metrics:
         self._recorder = recorder
         self._readback = readback
         self._opened: dict[str, Metric] = {}
+
+    def __repr__(self) -> str:
+        """Name the metrics that were opened so far; `list` finds those of earlier runs, too."""
+        return f"<Metrics: {', '.join(map(repr, list(self._opened))) or 'none yet'}>"
 
     def __call__(
         self,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import reprlib
 import threading
 from argparse import Namespace
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import fields, is_dataclass
+from itertools import islice
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,6 +19,9 @@ from ..layout import PARAMETERS_RECORD
 from ..recorder import Recorder
 from ..rows import encode
 from .readback import Readback
+
+_SHOWN = 10
+"""So many parameters are shown at a glance."""
 
 
 class Parameters:
@@ -44,6 +49,13 @@ class Parameters:
         self._values: dict[str, Any] = {}
         self._earlier: dict[str, Any] | None = None
         """Those of earlier runs, once they were asked for."""
+
+    def __repr__(self) -> str:
+        """Show those that were set in this run; `get` has those of earlier runs, too."""
+        values = dict(self._values)
+        shown = [f"{name}={reprlib.repr(value)}" for name, value in islice(values.items(), _SHOWN)]
+        more = [f"and {len(values) - _SHOWN} more"] if len(values) > _SHOWN else []
+        return f"<Parameters: {', '.join([*shown, *more]) or 'none yet'}>"
 
     def set(self, values: Any = None, /, **more: Any) -> Parameters:
         """Set parameters, and leave those that are not named as they are.

@@ -18,6 +18,9 @@ class SessionFiles:
     def __init__(self, files: Files) -> None:
         self._files = files
 
+    def __repr__(self) -> str:
+        return f"<SessionFiles: {self._files!r}>"
+
     def upload(
         self,
         file_path: str | os.PathLike[str],
@@ -77,6 +80,16 @@ class SessionFile:
         self._metadata = metadata
         self._file_id = file_id
         self._dest_path = dest_path
+
+    def __repr__(self) -> str:
+        known = {
+            "file_path": self._file_path,
+            "prefix": self._prefix,
+            "file_id": self._file_id,
+            "dest_path": self._dest_path,
+        }
+        given = [f"{name}={str(value)!r}" for name, value in known.items() if value is not None]
+        return f"<SessionFile {', '.join(given)}>"
 
     def save(self) -> Description:
         """Copy the file from the disk into the session; see `Files.upload`.

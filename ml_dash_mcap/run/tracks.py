@@ -228,6 +228,10 @@ class Tracks(Generic[TrackT]):
         self._kind = kind
         self._opened: dict[str, TrackT] = {}
 
+    def __repr__(self) -> str:
+        """Name the tracks that were opened so far; `list` finds those of earlier runs, too."""
+        return f"<Tracks: {', '.join(map(repr, list(self._opened))) or 'none yet'}>"
+
     def __call__(
         self,
         topic: str,
