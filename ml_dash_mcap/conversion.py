@@ -13,7 +13,6 @@ from .export import SUFFIXES, format_of
 from .export.destination import fresh_folder, replacing
 from .export.replacing import RECORDING, check_overwrite, keeper
 from .ingest import Progress
-from .recorder import Recorder
 from .recording import Recording
 
 
@@ -56,8 +55,8 @@ def convert(
     if format is None and ingest.detect(src) is not None and place.suffix.lower() not in SUFFIXES:
         check_overwrite(overwrite)
         allowed = replacing(keeper(RECORDING, [Path(src)])) if overwrite else nullcontext()
-        with allowed, fresh_folder(place) as folder, Recorder(folder, prefix=place.name) as recorder:
-            ingest.record(src, recorder, progress=progress, **options)
+        with allowed, fresh_folder(place) as folder:
+            ingest.into(src, folder, place.name, progress=progress, **options)
         return place
     if not Path(src).exists():
         raise MissingRecordingError(errno.ENOENT, "there is nothing", str(src))

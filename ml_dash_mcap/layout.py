@@ -26,6 +26,8 @@ PARAMETERS_RECORD = "ml_dash.parameters"
 TOPIC_RECORD = "ml_dash.topic"
 RUN_RECORD = "ml_dash.run"
 DROPS_RECORD = "ml_dash.drops"
+BAG_RECORD = "ml_dash.bag"
+"""In files that were copied from a bag: what bag it was."""
 JOURNAL_RECORD = "ml_dash.journal"
 """In journal buffers only."""
 

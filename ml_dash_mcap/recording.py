@@ -112,7 +112,7 @@ class Recording(Mapping[str, TopicReader]):
             if one.is_dir():
                 _fold_in_leftovers(one)
         try:
-            opened = [self._as_recording(one) for one in paths]
+            opened = [file for one in paths for file in self._as_recording(one, on_damage == "skip")]
             self._segments = Segments(opened, limits or Limits(), salvages=on_damage == "skip", decoding=how)
         except BaseException:
             self._remove_converted()
@@ -451,17 +451,18 @@ class Recording(Mapping[str, TopicReader]):
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def _as_recording(self, path: Path) -> Path:
+    def _as_recording(self, path: Path, salvages: bool) -> list[Path]:
         """Return where to read what is at a path: there, or in a temporary place if it is in another format."""
         if not _may_be_foreign(path):
-            return path
+            return [path]
         from . import ingest  # which loads the writing side
 
-        if not ingest.is_foreign(path):
-            return path
-        folder = ingest.as_folder(path)
+        files = ingest.read_as_it_is(path)
+        if files is not None:
+            return files
+        folder = ingest.as_folder(path, salvages=salvages)
         self._converted.append(folder)
-        return Path(folder.name)
+        return [Path(folder.name)]
 
     def _remove_converted(self) -> None:
         while self._converted:
@@ -516,7 +517,7 @@ class _View:
     info: Callable[[str], TopicInfo]
 
 
-_FOREIGN = ("*.db3*", "*.parquet", "*.pq", "*.csv", "*.tsv", "*.jsonl", "*.ndjson")
+_FOREIGN = ("*.db3*", "*.mcap.zstd", "*.parquet", "*.pq", "*.csv", "*.tsv", "*.jsonl", "*.ndjson")
 """Files that make a folder worth a look, which has no `metadata.yaml`."""
 
 

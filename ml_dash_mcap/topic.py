@@ -175,7 +175,9 @@ class Topic:
             self._journal.eager()
         return taken
 
-    def _encode(self, fields: dict[str, Any], time_s: float, head: bytes | None = None) -> bytes:
+    def _encode(
+        self, fields: dict[str, Any], time_s: float, head: bytes | None = None, time_ns: int | None = None
+    ) -> bytes:
         """Return a Message record without its opcode; `fields` gets the time stamp."""
         fields[TIME_KEY] = time_s
         try:
@@ -185,7 +187,7 @@ class Topic:
         else:
             if self._probe in payload:
                 payload = self._recheck(payload, fields)
-        time_ns = clock.to_nanoseconds(time_s)
+        time_ns = clock.to_nanoseconds(time_s) if time_ns is None else time_ns
         return _pack_tail(len(payload) + 22, self._head if head is None else head, time_ns, time_ns) + payload
 
     def _encode_row(self, index: int, row: Mapping[str, Any], last_s: float | None) -> tuple[bytes, float]:
@@ -233,6 +235,24 @@ class Topic:
             return exact(fields, self.name)
         self._probe = next((byte for byte in b"nul" if byte not in payload), self._probe)
         return payload
+
+
+class MessageTopic(Topic):
+    """A topic of other people's messages: each stays a row of its own, at its time to the nanosecond."""
+
+    __slots__ = ()
+
+    def append_at(self, rows: Iterable[dict[str, Any]], times_ns: Iterable[int]) -> None:
+        """Take rows whose times are known in nanoseconds.
+
+        Args:
+            rows: Their fields; one `_ts` that they have stays as it is, others get that of their time.
+            times_ns: The time of each, ns.
+        """
+        for row, time_ns in zip(rows, times_ns, strict=True):
+            time_s = row.pop(TIME_KEY, None)
+            time_s = time_s if isinstance(time_s, float) else clock.to_seconds(time_ns)
+            self._put(self._encode(row, time_s, time_ns=time_ns), time_s)
 
 
 class EventTopic(Topic):

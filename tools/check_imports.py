@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent / PACKAGE
 
 FLOORS: list[set[str]] = [
     {"version", "errors", "clock", "layout", "suggestions", "time_hints", "results"},
-    {"options", "timestamps", "paths", "run_folders", "definitions", "lookup", "annotations"},
+    {"options", "timestamps", "paths", "run_folders", "definitions", "lookup", "annotations", "messages"},
     {"rows"},
     {"ros", "mocap"},
     {"write", "read"},
@@ -41,7 +41,7 @@ HEAVY = {
         *("export.samples", "ingest.cells"),
         *("read.columns", "read.exact", "ros.blocks", "export.parquet", "topic_reader", "alignment"),
     },
-    "rosbags": {"ros.stores"},
+    "rosbags": {"ros.stores", "ros.translate"},
     "google": {"read.protobuf"},
     "mcap_protobuf": {"read.protobuf"},
     "ezc3d": {"export.c3d", "ingest.c3d"},

@@ -8,9 +8,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from ..errors import OptionError
+from ..ros import information as read
 from .bag_plan import Outlet
 
 DISTROS: Mapping[str, int] = {
@@ -50,29 +52,87 @@ def check_distro(distro: str) -> int:
     return DISTROS[distro]
 
 
-def qos(version: int) -> list[dict[str, Any]]:
-    """Return the profile that topics are offered with: keep the last 10, reliable, volatile."""
-    history, reliability, durability, liveliness = (
-        (1, 1, 2, 1) if version < 9 else (*("keep_last", "reliable", "volatile", "automatic"),)
-    )
-    return [
-        {
-            "history": history,
-            "depth": 10,
-            "reliability": reliability,
-            "durability": durability,
-            "deadline": _FOREVER,
-            "lifespan": _FOREVER,
-            "liveliness": liveliness,
-            "liveliness_lease_duration": _FOREVER,
-            "avoid_ros_namespace_conventions": False,
-        }
-    ]
+def distro_of(name: str, version: int) -> tuple[str, int]:
+    """Return the distribution, and the version of the metadata, for a bag that goes out as it came in.
+
+    Args:
+        name: Of the distribution that recorded it, which may be none that is known; empty if nobody says.
+        version: Of the metadata that it came with; 0 without metadata.
+    """
+    if not name:
+        return ("jazzy", DISTROS["jazzy"]) if not version or version >= 9 else ("humble", DISTROS["humble"])
+    return name, DISTROS.get(name, 8 if 0 < version < 9 else 9)
 
 
-def qos_text(version: int) -> str:
-    """Return the profile as a storage file says it."""
-    return "\n".join(_lines(qos(version), 0))
+_POLICIES: Mapping[str, tuple[str, ...]] = {
+    "history": ("system_default", "keep_last", "keep_all", "unknown"),
+    "reliability": ("system_default", "reliable", "best_effort", "unknown", "best_available"),
+    "durability": ("system_default", "transient_local", "volatile", "unknown", "best_available"),
+    "liveliness": ("system_default", "automatic", "manual_by_node", "manual_by_topic", "unknown", "best_available"),
+}
+"""Names of the policies since version 9 of the metadata, by the numbers that they were before (rmw/types.h)."""
+
+_OFFERED = "offered_qos_profiles"
+
+
+def qos(version: int, durability: str = "volatile") -> list[dict[str, Any]]:
+    """Return the profile that topics of ours are offered with: keep the last 10, reliable, volatile."""
+    profile = {
+        "history": "keep_last",
+        "depth": 10,
+        "reliability": "reliable",
+        "durability": durability,
+        "deadline": _FOREVER,
+        "lifespan": _FOREVER,
+        "liveliness": "automatic",
+        "liveliness_lease_duration": _FOREVER,
+        "avoid_ros_namespace_conventions": False,
+    }
+    return [_spelled(profile, version)]
+
+
+def offered(outlet: Outlet, version: int) -> str:
+    """Return the profiles that a topic was offered with, as YAML: as they came, but in the spelling of a version."""
+    if outlet.carried is None:
+        return _text(qos(version))
+    metadata = dict(outlet.carried.metadata)
+    if _OFFERED not in metadata:  # it comes from ROS 1
+        return _text(qos(version, "transient_local" if metadata.get("latching") == "1" else "volatile"))
+    profiles = _profiles(metadata[_OFFERED])
+    if all(isinstance(one.get("history"), int) == (version < 9) for one in profiles):
+        return metadata[_OFFERED]
+    return _text([_spelled(one, version) for one in profiles])
+
+
+def is_latched(text: str) -> bool:
+    """Whether a topic that is offered so gives late subscribers its last message, as latched ones of ROS 1 do."""
+    return any(_spelled(one, 9).get("durability") == "transient_local" for one in _profiles(text))
+
+
+@cache
+def _profiles(text: str) -> list[dict[str, Any]]:
+    """Return profiles from their YAML. Most topics have the same ones, and reading YAML takes long."""
+    try:
+        found = read.load(text) if text else []
+    except ValueError:
+        return []
+    return [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
+
+
+def _spelled(profile: Mapping[str, Any], version: int) -> dict[str, Any]:
+    """Return a profile with its policies as numbers, before version 9, or as names."""
+    found = dict(profile)
+    for key, names in _POLICIES.items():
+        value = found.get(key)
+        if version < 9 and value in names:
+            found[key] = names.index(value)
+        elif version >= 9 and isinstance(value, int) and 0 <= value < len(names):
+            found[key] = names[value]
+    return found
+
+
+def _text(profiles: list[dict[str, Any]]) -> str:
+    return "\n".join(_lines(profiles, 0))
 
 
 def information(
@@ -87,7 +147,6 @@ def information(
     having = [one for one in files if one.count]
     start = min((one.start_ns for one in having), default=0)
     end = max((one.end_ns for one in having), default=0)
-    offered = qos_text(version) if version < 9 else qos(version)
     return {
         "version": version,
         "storage_identifier": storage,
@@ -100,7 +159,9 @@ def information(
                     "name": outlet.topic,
                     "type": outlet.type,
                     "serialization_format": "cdr",
-                    "offered_qos_profiles": offered,
+                    "offered_qos_profiles": offered(outlet, version)
+                    if version < 9
+                    else _profiles(offered(outlet, version)),
                     "type_description_hash": outlet.digest,
                 },
                 "message_count": sum(one.counts.get(outlet.number, 0) for one in files),
@@ -152,4 +213,6 @@ def _lines(value: Any, depth: int) -> list[str]:
 def _scalar(value: Any) -> str:
     if value is None:
         return "~"
+    if isinstance(value, (Mapping, list)):
+        return "[]" if isinstance(value, list) else "{}"
     return json.dumps(value, ensure_ascii=True)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..errors import ConversionError, ConversionWarning, OptionError
-from ..read import exact
+from ..layout import MESSAGE, TRACK
+from ..messages import Channel
+from ..read import counts, exact
 from ..ros import blocks, checks, lossless, msg, names, standard, stores
 from ..ros.columns import Struct
 from ..ros.forms import Form
@@ -77,6 +79,9 @@ class Outlet:
     """The type's definition, followed by those of the messages in it."""
     digest: str
     struct: Struct = field(repr=False)
+    """How its messages are serialised; without fields for those that are carried."""
+    carried: Channel | None = field(default=None, repr=False)
+    """What a topic is whose messages are carried as they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,14 +104,20 @@ class Plan:
 class Planner:
     """Plans a bag."""
 
-    def __init__(self, job: Job, settings: Settings) -> None:
+    def __init__(self, job: Job, settings: Settings, others: Sequence[Outlet] = ()) -> None:
         """Prepare to plan.
+
+        Args:
+            job: What is exported.
+            settings: What the caller wants.
+            others: Topics that the bag has besides.
 
         Raises:
             ConversionError: The mapping has a topic that is not exported.
         """
         self._job = job
         self._settings = settings
+        self._others = others
         self._warned: set[str] = set()
         self.outlets: list[Outlet] = []
         """All topics of the bag."""
@@ -128,10 +139,11 @@ class Planner:
         """
         self.outlets = []
         called: dict[str, str] = {}
+        others = {one.topic for one in self._others}
         for topic in found:  # first of all, so that no standard message takes a name of ours
-            called[topic] = names.topic(topic, called.values())
+            called[topic] = names.topic(topic, {*called.values(), *others})
         taken_types: set[str] = set()
-        taken_topics = set(called.values())
+        taken_topics = {*called.values(), *others}
         plans = [self._planned(topic, form, called[topic], taken_types, taken_topics) for topic, form in found.items()]
         if self._settings.embed_images is not False and not any(plan.paths for plan in plans):
             self.warn("embed_images: no field holds paths of .jpg or .png files")
@@ -166,6 +178,9 @@ class Planner:
         """Return what a message's definition says besides its fields, in bags that have no other place for it too."""
         info = self._job.topics[topic]
         said: dict[str, Any] = {"topic": topic}
+        kind = counts.kind(self._job.files, topic)
+        if kind != TRACK:
+            said["kind"] = kind or MESSAGE
         if info.description is not None:
             said["description"] = info.description
         if info.tags:
@@ -251,7 +266,7 @@ class Planner:
         return self._outlet(one.topic, one.type, text, digest, struct)
 
     def _outlet(self, topic: str, type_: str, text: str, digest: str, struct: Struct) -> Outlet:
-        outlet = Outlet(len(self.outlets) + 1, topic, type_, text, digest, struct)
+        outlet = Outlet(len(self._others) + len(self.outlets) + 1, topic, type_, text, digest, struct)
         self.outlets.append(outlet)
         return outlet
 

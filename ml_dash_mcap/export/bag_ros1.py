@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import clock
+from ..messages import MessageBlock
 from .bag_plan import Outlet
 from .bag_topics import Sent
 
@@ -39,6 +40,10 @@ _MESSAGE_HEAD = np.dtype(
     ]
 )
 _INDEX_ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
+
+
+_HEADER_FIELDS = ("topic", "callerid", "latching")
+"""What a connection's header may say besides its type (http://wiki.ros.org/ROS/Connection Header)."""
 
 
 def _lz4(data: bytes) -> bytes:
@@ -103,9 +108,29 @@ class Storage:
         self._settle(first_ns)
         self._pending += [_with_heads(one) for one in sent]
 
+    def pack(self, block: MessageBlock) -> _Pending:
+        """Return messages that are carried with their heads, in their order."""
+        sizes = np.fromiter(map(len, block.payloads), np.int64, len(block))
+        text = _heads(block.channels - 1, block.times_ns, sizes).tobytes()
+        size = _MESSAGE_HEAD.itemsize
+        parts: list[Any] = [None] * (2 * len(block))
+        parts[0::2] = [text[at : at + size] for at in range(0, len(text), size)]
+        parts[1::2] = block.payloads
+        whole = sizes + size
+        data = np.frombuffer(b"".join(parts), np.uint8)
+        return _Pending(data, np.cumsum(whole) - whole, whole, block.times_ns, block.channels - 1)
+
+    def write_packed(self, messages: _Pending) -> None:
+        """Write messages that are carried, as a chunk of their own."""
+        self._settle(int(messages.times_ns.min()))
+        self._chunk(messages)
+
     def finish(self) -> None:
         """Write the file's end."""
         self._settle(None)
+        if not self._infos and self._outlets:  # rosbags reads no connections of a bag without chunks
+            nothing = np.zeros(0, np.int64)
+            self._chunk(_Pending(np.zeros(0, np.uint8), nothing, nothing, np.zeros(0, np.uint64), nothing))
         index_place = self._file.tell()
         self._file.write(b"".join(map(_connection, self._outlets)) + b"".join(self._infos))
         self._file.seek(len(_MAGIC))
@@ -140,6 +165,7 @@ class Storage:
         place = self._file.tell()
         numbers = np.unique(messages.connections).tolist()
         new = [one for one in self._outlets if _connection_id(one) in set(numbers) - self._introduced]
+        new = new if numbers else list(self._outlets)
         self._introduced.update(map(_connection_id, new))
         before = b"".join(map(_connection, new))
         raw = before + messages.data.tobytes()
@@ -155,27 +181,38 @@ class Storage:
             fields = {"ver": _u32(1), "conn": _u32(number), "count": _u32(len(entries))}
             self._file.write(_record(entries.tobytes(), op=_byte(_INDEX), **fields))
             counts += _u32(number) + _u32(len(entries))
-        start, end = (_time(int(messages.times_ns[at])) for at in (0, -1))
+        start, end = (_time(time_ns) for time_ns in _edges(messages.times_ns))
         fields = {"chunk_pos": place.to_bytes(8, "little"), "start_time": start, "end_time": end}
         info = {"ver": _u32(1), **fields, "count": _u32(len(numbers))}
         self._infos.append(_record(counts, op=_byte(_CHUNK_INFO), **info))
 
 
+def _edges(times_ns: npt.NDArray[np.uint64]) -> tuple[int, int]:
+    """Return the first and the last of some times; 0 where there are none."""
+    return (int(times_ns.min()), int(times_ns.max())) if len(times_ns) else (0, 0)
+
+
 def _with_heads(sent: Sent) -> _Pending:
     """Write the heads of message records into the room before each message."""
     packed, count = sent.packed, len(sent.times_ns)
-    heads = np.zeros(count, _MESSAGE_HEAD)
-    heads["length"] = _MESSAGE_HEAD.itemsize - 8  # but for itself and the data's size
-    for name, text in (("op", b"op=" + _byte(_MESSAGE)), ("conn_key", b"conn="), ("time_key", b"time=")):
-        size = len(text) + (0 if name == "op" else 4 if name == "conn_key" else 8)
-        heads[name] = np.frombuffer(_u32(size) + text, np.uint8)
-    heads["conn"] = _connection_id(sent.outlet)
-    heads["sec"], heads["nsec"] = np.divmod(sent.times_ns, np.uint64(clock.NS_PER_S))
-    heads["size"] = packed.sizes
+    heads = _heads(_connection_id(sent.outlet), sent.times_ns, packed.sizes)
     data = packed.data if packed.data.flags.writeable else packed.data.copy()
     data[packed.starts[:, None] + np.arange(_MESSAGE_HEAD.itemsize)] = heads.view(np.uint8).reshape(count, -1)
     connections = np.full(count, _connection_id(sent.outlet), np.int64)
     return _Pending(data, packed.starts, packed.sizes + _MESSAGE_HEAD.itemsize, sent.times_ns, connections)
+
+
+def _heads(connections: Any, times_ns: npt.NDArray[np.uint64], sizes: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+    """Return the heads of message records, [N]."""
+    heads = np.zeros(len(times_ns), _MESSAGE_HEAD)
+    heads["length"] = _MESSAGE_HEAD.itemsize - 8  # but for itself and the data's size
+    for name, text in (("op", b"op=" + _byte(_MESSAGE)), ("conn_key", b"conn="), ("time_key", b"time=")):
+        size = len(text) + (0 if name == "op" else 4 if name == "conn_key" else 8)
+        heads[name] = np.frombuffer(_u32(size) + text, np.uint8)
+    heads["conn"] = connections
+    heads["sec"], heads["nsec"] = np.divmod(times_ns, np.uint64(clock.NS_PER_S))
+    heads["size"] = sizes
+    return heads
 
 
 def _merged(parts: Sequence[_Pending]) -> _Pending:
@@ -201,14 +238,13 @@ def _connection_id(outlet: Outlet) -> int:
 
 
 def _connection(outlet: Outlet) -> bytes:
-    topic = outlet.topic.encode()
-    said = {
-        "topic": topic,
-        "type": outlet.type.replace("/msg/", "/").encode(),
-        "md5sum": outlet.digest.encode(),
-        "message_definition": outlet.text.encode(),
-    }
-    return _record(_fields(said), op=_byte(_CONNECTION), conn=_u32(_connection_id(outlet)), topic=topic)
+    topic, found = outlet.topic.encode(), outlet.carried
+    about = {} if found is not None else {"topic": topic}
+    about.update(type=outlet.type.replace("/msg/", "/").encode(), md5sum=outlet.digest.encode())
+    about["message_definition"] = outlet.text.encode() if found is None else found.definition
+    if found is not None:  # with or without a topic, which is another one where it was remapped
+        about.update((name, value.encode()) for name, value in found.metadata if name in _HEADER_FIELDS)
+    return _record(_fields(about), op=_byte(_CONNECTION), conn=_u32(_connection_id(outlet)), topic=topic)
 
 
 def _bag_head(index_place: int, connections: int, chunks: int) -> bytes:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from ..errors import ConversionError
+from ..messages import MessageBlock
 from .bag_plan import Outlet
 from .bag_topics import Sent
 
@@ -30,13 +34,15 @@ class Storage:
     room = 0
     """Bytes that each message needs before it."""
 
-    def __init__(self, path: Path, outlets: Sequence[Outlet], qos: str, distro: str, version: int) -> None:
+    def __init__(
+        self, path: Path, outlets: Sequence[Outlet], qos: Callable[[Outlet], str], distro: str, version: int
+    ) -> None:
         """Begin a file.
 
         Args:
             path: Of the file.
             outlets: All topics.
-            qos: Of each topic, as YAML.
+            qos: What a topic was offered with, as YAML.
             distro: Of ROS 2.
             version: Of the metadata.
         """
@@ -50,12 +56,16 @@ class Storage:
         self._base.execute("INSERT INTO schema VALUES (4, ?)", (distro,))
         self._base.executemany(
             "INSERT INTO topics VALUES (?, ?, ?, 'cdr', ?, ?)",
-            [(one.number, one.topic, one.type, qos, one.digest) for one in outlets],
+            [(one.number, one.topic, one.type, qos(one), one.digest) for one in outlets],
         )
         self._base.executemany(
             "INSERT INTO message_definitions(topic_type, encoding, encoded_message_definition, type_description_hash)"
-            " VALUES (?, 'ros2msg', ?, ?)",
-            [(one.type, one.text, one.digest) for one in {one.type: one for one in outlets}.values()],
+            " VALUES (?, ?, ?, ?)",
+            [
+                (one.type, _encoding(one), one.text, one.digest)
+                for one in {one.type: one for one in outlets}.values()
+                if _encoding(one)
+            ],
         )
         self.size = 0
         """Bytes of messages so far."""
@@ -81,6 +91,24 @@ class Storage:
             self.counts[one.outlet.number] = self.counts.get(one.outlet.number, 0) + len(one.times_ns)
             self.size += len(one.packed.data)
 
+    def pack(self, block: MessageBlock) -> MessageBlock:
+        """Return messages that are carried: there is nothing to prepare."""
+        return block
+
+    def write_packed(self, block: MessageBlock) -> None:
+        """Write messages that are carried, in their order."""
+        rows = zip(block.times_ns.tolist(), block.channels.tolist(), block.payloads, strict=True)
+        try:
+            self._base.executemany("INSERT INTO messages(timestamp, topic_id, data) VALUES (?, ?, ?)", rows)
+        except OverflowError as error:
+            raise ConversionError("SQLite has no room for times after the year 2262; pass storage='mcap'") from error
+        first, last = int(block.times_ns.min()), int(block.times_ns.max())
+        self.start_ns = min(self.start_ns, first) if self.counts else first
+        self.end_ns = max(self.end_ns, last)
+        for number, count in zip(*np.unique(block.channels, return_counts=True), strict=True):
+            self.counts[int(number)] = self.counts.get(int(number), 0) + int(count)
+        self.size += block.size
+
     def finish(self, information: str) -> None:
         """Write the file's end.
 
@@ -97,3 +125,8 @@ class Storage:
     def close(self) -> None:
         """Close the file, finished or not. May be called twice."""
         self._base.close()
+
+
+def _encoding(outlet: Outlet) -> str:
+    """Return what a type is defined in; empty where nobody defines it."""
+    return "ros2msg" if outlet.carried is None else outlet.carried.schema_encoding

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +15,9 @@ import numpy.typing as npt
 
 from .. import clock
 from ..errors import ConversionError
-from ..read import exact
+from ..layout import TRACK
+from ..messages import MessageBlock
+from ..read import ahead, counts, exact, rows
 from ..ros import blocks, forms, lossless, messages, names
 from ..ros import package as interfaces
 from ..ros.columns import Constant, Indices, pick
@@ -28,6 +30,7 @@ from ..ros.standard import Derived
 from ..rows.encode import TIME_KEY
 from ..rows.table import Block
 from . import bag_images
+from .bag_carried import Carried
 from .bag_plan import Outlet, Plan, Planner, Settings
 from .job import Job
 
@@ -38,6 +41,21 @@ _OVERLAP_S = 1.0
 
 _END_S = 2**31
 """The first time that a header's stamp cannot say, in s (year 2038)."""
+
+
+class _Stamped(list[dict[str, Any]]):
+    """Rows of messages that are never merged: their times are known to the nanosecond, which doubles do not tell."""
+
+    def __init__(self, rows: list[dict[str, Any]], times_ns: list[int]) -> None:
+        super().__init__(rows)
+        self.times_ns = times_ns
+
+    def __getitem__(self, key: Any) -> Any:
+        found = super().__getitem__(key)
+        return _Stamped(found, self.times_ns[key]) if isinstance(key, slice) else found
+
+    def __add__(self, others: Any) -> Any:
+        return _Stamped([*self, *others], [*self.times_ns, *others.times_ns]) if others else self
 
 
 class Sent(NamedTuple):
@@ -51,8 +69,13 @@ class Sent(NamedTuple):
 class Outgoing:
     """The messages of a recording for a bag."""
 
-    def __init__(self, job: Job, settings: Settings) -> None:
+    def __init__(self, job: Job, settings: Settings, carried: Carried | None = None) -> None:
         """Look at the first rows of each topic.
+
+        Args:
+            job: Topics whose rows become messages.
+            settings: What the caller wants of the bag.
+            carried: Messages that go into the bag as they are.
 
         Raises:
             ConversionError: The mapping does not fit.
@@ -60,7 +83,8 @@ class Outgoing:
         self._job = job
         self._settings = settings
         self._started: dict[str, Iterator[Part]] = {}
-        self._planner = Planner(job, settings)
+        self._carried = carried
+        self._planner = Planner(job, settings, () if carried is None else carried.outlets)
         self._images = bag_images.images(settings.embed_images, job.files)
         self._is_wide = False
         self._last = math.inf
@@ -92,7 +116,7 @@ class Outgoing:
     @property
     def outlets(self) -> list[Outlet]:
         """All topics of the bag."""
-        return self._planner.outlets
+        return [*(() if self._carried is None else self._carried.outlets), *self._planner.outlets]
 
     @property
     def own_messages(self) -> list[Message]:
@@ -116,8 +140,8 @@ class Outgoing:
             "params": self._job.about.get("params", {}),
         }
 
-    def messages(self) -> Iterator[tuple[int, list[Sent]]]:
-        """Yield the messages of some rows of one topic each, by the time of the first one.
+    def messages(self) -> Iterator[tuple[int, list[Sent] | MessageBlock]]:
+        """Yield the messages of some rows of one topic each, or some that are carried, by the time of the first one.
 
         Yields:
             How many rows, and their messages; no rows after `finish_up`, when all are done that belong before.
@@ -128,6 +152,8 @@ class Outgoing:
         """
         waiting: list[_Waiting] = []
         done = dict.fromkeys(range(len(self.plans)), 0)
+        blocks = iter(()) if self._carried is None else self._carried.blocks()
+        _push(waiting, _CARRIED, next(blocks, None), blocks)
         for number, plan in enumerate(self.plans):
             parts = self._started.pop(plan.topic, None) or self._parts(plan.topic)
             _push(waiting, number, next(parts, None), parts)
@@ -136,6 +162,11 @@ class Outgoing:
             if start > self._last:
                 self._last = math.inf
                 yield 0, []
+            if isinstance(part, MessageBlock):
+                self._reached = max(self._reached, float(_times(part).max()))
+                yield len(part), part
+                _push(waiting, number, next(parts, None), parts)
+                continue
             others = min((one[0] for one in waiting), default=math.inf) if self._settings.is_in_order else math.inf
             now, later = _cut(part, min(others + _OVERLAP_S, self._last))
             now, later = self._portion(self.plans[number], now, later)
@@ -152,7 +183,7 @@ class Outgoing:
         """Put off rows that together name more images than should be in memory at once."""
         if self._images is None or not plan.paths:
             return now, later
-        found = now if isinstance(now, list) else blocks.to_rows(now)
+        found: Any = now if isinstance(now, list) else blocks.to_rows(now)
         count = self._images.fitting(found, plan.paths)
         if count == len(found):
             return found, later
@@ -160,7 +191,11 @@ class Outgoing:
         return found[:count], found[count:] + rest
 
     def _parts(self, topic: str) -> Iterator[Part]:
-        return exact.read(self._job.files, topic, self._job.low, self._job.high)
+        job = self._job
+        if counts.kind(job.files, topic) == TRACK:
+            return exact.read(job.files, topic, job.low, job.high)
+        found = rows.stamped(job.files, topic, job.low, job.high)
+        return (_Stamped(some, times_ns) for some, times_ns in found)
 
     # -- rows to messages ----------------------------------------------------------------------------------------------
 
@@ -168,7 +203,7 @@ class Outgoing:
         settings = self._settings
         count = exact.size(part)
         times = _times(part)
-        stamps = self._stamps(plan, times, before)
+        stamps = self._stamps(plan, times, getattr(part, "times_ns", None), before)
         is_row_text = plan.message.fields and plan.message.fields[0].key == lossless.ROW_KEY
         if isinstance(part, Block):
             column = fill(plan.message, blocks.to_rows(part)) if is_row_text else blocks.fill_block(plan.message, part)
@@ -213,8 +248,11 @@ class Outgoing:
             rows = rows[~found.which]
         return rows, {}
 
-    def _stamps(self, plan: Plan, times: npt.NDArray[np.float64], before: int) -> npt.NDArray[np.uint64]:
-        stamps = clock.to_nanoseconds_each(times).astype(np.int64) + round(self._settings.time_offset * clock.NS_PER_S)
+    def _stamps(
+        self, plan: Plan, times: npt.NDArray[np.float64], times_ns: list[int] | None, before: int
+    ) -> npt.NDArray[np.uint64]:
+        known = clock.to_nanoseconds_each(times) if times_ns is None else np.array(times_ns, np.uint64)
+        stamps = known.astype(np.int64) + round(self._settings.time_offset * clock.NS_PER_S)
         bad = (stamps < 0) | (stamps >= _END_S * clock.NS_PER_S)
         if bad.any():
             row = int(np.argmax(bad))
@@ -242,17 +280,22 @@ def _take_in(form: Form, part: Part) -> Form:
     return form
 
 
-def _times(part: Part) -> npt.NDArray[np.float64]:
+def _times(part: Part | MessageBlock) -> npt.NDArray[np.float64]:
+    if isinstance(part, MessageBlock):
+        return np.array(clock.to_seconds_each([int(part.times_ns.min()), int(part.times_ns.max())]))
     if isinstance(part, list):
         return np.array([row[TIME_KEY] for row in part], np.float64)
     found: npt.NDArray[np.float64] = part.columns[TIME_KEY].array.to_numpy(zero_copy_only=False)
     return found
 
 
-_Waiting = tuple[float, int, Part, Iterator[Part]]
+_Waiting = tuple[float, int, Part | MessageBlock, Iterator[Any]]
+
+_CARRIED = -1
+"""Stands for the number of a plan."""
 
 
-def _push(waiting: list[_Waiting], number: int, part: Part | None, parts: Iterator[Part]) -> None:
+def _push(waiting: list[_Waiting], number: int, part: Part | MessageBlock | None, parts: Iterator[Any]) -> None:
     if part is not None:
         heapq.heappush(waiting, (float(_times(part)[0]), number, part, parts))
 
@@ -277,6 +320,28 @@ def _header(stamps: npt.NDArray[np.uint64], frame: str, before: int) -> dict[str
     }
 
 
+def packed(
+    found: Iterator[tuple[int, list[Sent] | MessageBlock]],
+    prepare: Callable[[MessageBlock], Any],
+    *,
+    is_split: bool = False,
+) -> Iterator[tuple[int, Any]]:
+    """Yield what `Outgoing.messages` does, with what is carried prepared for its file, on all cores.
+
+    Args:
+        found: The messages.
+        prepare: Of the file.
+        is_split: Whether each has to be written before the next is asked for, so that a file can end behind it.
+    """
+
+    def work(one: tuple[int, list[Sent] | MessageBlock]) -> tuple[int, Any]:
+        return one[0], one[1] if isinstance(one[1], list) else prepare(one[1])
+
+    if is_split:
+        return map(work, found)
+    return ahead.in_order(work, found, weigh=lambda one: 0 if isinstance(one[1], list) else 2 * one[1].size)
+
+
 def to_text(about: Mapping[str, Any]) -> str:
     """Say what the way back wants to know as JSON."""
     return json.dumps(about)
@@ -291,4 +356,4 @@ def write_package(folder: Path, outgoing: Outgoing) -> None:
         place.write_text(text, encoding="utf-8")
 
 
-__all__ = ["MisfitError", "Outgoing", "Sent", "to_text", "write_package"]
+__all__ = ["MisfitError", "Outgoing", "Sent", "packed", "to_text", "write_package"]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ..lookup import Lookup
 from ..read.file import File
 from ..read.topics import TopicInfo
 from .selection import Selection
@@ -37,6 +38,11 @@ class Job:
     def selection(self, topic: str, columns: Sequence[str] | None = None) -> Selection:
         """Return the part of a topic that is to be exported."""
         return Selection(self.files, topic, self.low, self.high, columns)
+
+    def without(self, topics: Collection[str]) -> Job:
+        """Return the same for all topics but some."""
+        names = [name for name in self.topics if name not in topics]
+        return replace(self, topics=Lookup("topic", names, self.topics.__getitem__))
 
     def counter(self) -> Counter:
         """Return what counts rows for `progress`."""

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConversionWarning, OptionError
+from . import bag_carried
 from .bag_plan import Settings
 from .bag_ros1 import COMPRESSORS, Storage
-from .bag_topics import MisfitError, Outgoing, write_package
+from .bag_topics import MisfitError, Outgoing, packed, write_package
 from .destination import fresh_file, fresh_folder, refuse_existing
 from .job import Job, Steps
 
@@ -60,7 +61,9 @@ def export(
         refuse_existing(beside)
     with ExitStack() as stack:
         path = stack.enter_context(fresh_file(job.dest))
-        outgoing = Outgoing(job, settings)
+        names = bag_carried.topics(job)
+        carried = bag_carried.Carried(job, names, bag_carried.Origin(), is_ros1=True, time_offset=time_offset)
+        outgoing = Outgoing(job.without(names), settings, carried)
         steps = Steps(job.counter())
         while True:
             try:
@@ -76,15 +79,23 @@ def export(
     return job.dest
 
 
+def _has_time_0(sent: Any) -> bool:
+    times = [one.times_ns for one in sent] if isinstance(sent, list) else [sent.times_ns]
+    return any(bool((one == 0).any()) for one in times)
+
+
 def _write(path: Path, outgoing: Outgoing, compression: str, steps: Steps) -> None:
     steps.begin()
     is_warned = False
     bag = Storage(path, outgoing.outlets, compression)
     try:
-        for rows, sent in outgoing.messages():
-            bag.write(sent)
+        for rows, sent in packed(outgoing.messages(), bag.pack):
+            if isinstance(sent, list):
+                bag.write(sent)
+            else:
+                bag.write_packed(sent)
             steps.add(rows)
-            if not is_warned and any(one.times_ns[0] == 0 for one in sent if len(one.times_ns)):
+            if not is_warned and _has_time_0(sent):
                 is_warned = True
                 warnings.warn(
                     "there are messages at time 0, which roscpp takes for no time; pass time_offset= to move them",

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..errors import OptionError
-from . import bag_mcap, bag_metadata, bag_sqlite
+from ..messages import MessageBlock
+from . import bag_carried, bag_mcap, bag_metadata, bag_sqlite
 from .bag_metadata import Contents
 from .bag_plan import Outlet, Settings
-from .bag_topics import MisfitError, Outgoing, Sent, to_text, write_package
+from .bag_topics import MisfitError, Outgoing, Sent, packed, to_text, write_package
 from .destination import fresh_folder
 from .job import Job, Steps
 
@@ -21,13 +22,30 @@ CUSTOM_KEY = "ml_dash"
 
 
 class _Storage(Protocol):
-    counts: dict[int, int]
-    start_ns: int
-    end_ns: int
-    size: int
+    @property
+    def counts(self) -> dict[int, int]:
+        """Messages so far, by the number of their outlet."""
+
+    @property
+    def start_ns(self) -> int:
+        """Time of the first message, ns; 0 without messages."""
+
+    @property
+    def end_ns(self) -> int:
+        """Time of the last message, ns; 0 without messages."""
+
+    @property
+    def size(self) -> int:
+        """Bytes so far."""
 
     def write(self, sent: Sequence[Sent]) -> None:
         """Write messages."""
+
+    def pack(self, block: MessageBlock) -> Any:
+        """Prepare messages that are carried; threads may do this while others are written."""
+
+    def write_packed(self, packed: Any) -> None:
+        """Write what `pack` returned."""
 
     def finish(self, information: str) -> None:
         """Write the file's end."""
@@ -40,7 +58,7 @@ def export(
     job: Job,
     *,
     storage: str = "mcap",
-    distro: str = "jazzy",
+    distro: str | None = None,
     profile: str = "std+lossless",
     mapping: Mapping[str, Any] | None = None,
     split_bytes: int | None = None,
@@ -57,7 +75,8 @@ def export(
     Args:
         job: What, and where to.
         storage: "mcap" or "sqlite3".
-        distro: The ROS 2 distribution that will read it; "humble" needs metadata that is older than "jazzy"'s.
+        distro: The ROS 2 distribution that will read it; "humble" needs metadata that is older than "jazzy"'s. None for
+            the one that recorded the messages, if they came from a bag, or else "jazzy".
         profile: "std+lossless": a message of its own for each topic, and standard messages where they fit; "std" and
             "lossless": only these; "json": each row as JSON.
         mapping: Topic to what its standard messages are, see docs/guides/ros.md; None for the conventions.
@@ -76,7 +95,11 @@ def export(
         OptionError: An option has a value that it cannot have.
         ConversionError: A row cannot be said; the message names it.
     """
-    version = bag_metadata.check_distro(distro)
+    origin = bag_carried.origin(job)
+    if distro is not None:
+        version = bag_metadata.check_distro(distro)
+    else:
+        distro, version = bag_metadata.distro_of(origin.distro, origin.version)
     if storage not in ("mcap", "sqlite3"):
         raise OptionError(f"storage={storage!r}: it must be 'mcap' or 'sqlite3'")
     if split_bytes is not None and (
@@ -92,17 +115,20 @@ def export(
     settings = Settings(
         profile, mapping, time_offset, package, frame_id, tf, on_bad, False, room, is_split, embed_images
     )
-    qos = bag_metadata.qos_text(version)
+    qos = functools.partial(bag_metadata.offered, version=version)
     begin: Callable[[Path, Sequence[Outlet]], _Storage]
     if storage == "mcap":
         begin = functools.partial(bag_mcap.Storage, qos=qos, distro=distro, compression=compression or "zstd")
     else:
         begin = functools.partial(bag_sqlite.Storage, qos=qos, distro=distro, version=version)
     with fresh_folder(job.dest) as folder:
-        outgoing = Outgoing(job, settings)
+        names = bag_carried.topics(job)
+        carried = bag_carried.Carried(job, names, origin, time_offset=time_offset)
+        outgoing = Outgoing(job.without(names), settings, carried)
         steps = Steps(job.counter())
         while True:
-            bag = _Bag(folder, job.dest.name, storage, distro, version, split_bytes, begin, outgoing)
+            custom = {**origin.custom, **({CUSTOM_KEY: to_text(outgoing.about())} if outgoing.plans else {})}
+            bag = _Bag(folder, job.dest.name, storage, distro, version, split_bytes, begin, outgoing, custom)
             try:
                 bag.fill(steps)
             except MisfitError:
@@ -129,6 +155,7 @@ class _Bag:
         split_bytes: int | None,
         begin: Callable[[Path, Sequence[Outlet]], _Storage],
         outgoing: Outgoing,
+        custom: Mapping[str, str],
     ) -> None:
         self._folder = folder
         self._name = name
@@ -139,7 +166,7 @@ class _Bag:
         self._split_bytes = split_bytes
         self._begin = begin
         self._outgoing = outgoing
-        self._custom = {CUSTOM_KEY: to_text(outgoing.about())}
+        self._custom = custom
         self._files: list[Contents] = []
 
     def fill(self, steps: Steps) -> None:
@@ -148,12 +175,15 @@ class _Bag:
         outlets = self._outgoing.outlets
         file = self._next()
         try:
-            for rows, sent in self._outgoing.messages():
+            for rows, sent in packed(self._outgoing.messages(), file.pack, is_split=self._split_bytes is not None):
                 if not rows:
                     self._finish(file)
                     file = self._next()
                     continue
-                file.write(sent)
+                if isinstance(sent, list):
+                    file.write(sent)
+                else:
+                    file.write_packed(sent)
                 steps.add(rows)
                 if self._split_bytes is not None and file.size >= self._split_bytes:
                     self._outgoing.finish_up()

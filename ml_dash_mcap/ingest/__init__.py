@@ -34,8 +34,10 @@ FORMATS: Mapping[str, str] = {
 }
 """Formats, to the module here that reads them.
 
-A module has `detect(path) -> str | None`, which names the format of what is at a path that exists, or None, and
-`record(src, recorder, *, progress=None, **options) -> None`, which appends its rows to a recorder.
+A module has `detect(path) -> str | None`, which names the format of what is at a path that exists, or None, and one of
+
+- `record(src, recorder, *, progress=None, **options) -> None`, which appends its rows to a recorder;
+- `carry(src, folder, prefix, *, progress=None, **options) -> None`, which makes a recording in a folder.
 """
 
 
@@ -77,6 +79,42 @@ def record(
         said = "its format is not known" if name is None else f"there is no format {name!r}"
         raise FormatError(f"{place}: {said}; those that can be read are {known}")
     read = _load(FORMATS[name]).record
+    _check_options(place, name, read, options)
+    read(place, recorder, progress=progress, **options)
+
+
+def into(
+    src: str | Path,
+    folder: Path,
+    prefix: str,
+    *,
+    progress: Progress | None = None,
+    **options: Any,
+) -> None:
+    """Make a recording of what is in a foreign file or folder.
+
+    Args:
+        src: The file or folder.
+        folder: Of the recording; it is there.
+        prefix: Of the recording.
+        progress: Called now and then with the rows done and the rows in all.
+        options: Of the format.
+
+    Raises:
+        As `record`.
+    """
+    name = detect(src)
+    carry = None if name is None else getattr(_load(FORMATS[name]), "carry", None)
+    if name is None or carry is None:
+        with Recorder(folder, prefix=prefix) as recorder:
+            record(src, recorder, progress=progress, **options)
+    else:
+        _check_options(src, name, carry, options)
+        carry(Path(src), folder, prefix, progress=progress, **options)
+
+
+def _check_options(src: str | Path, name: str, read: Callable[..., None], options: Mapping[str, Any]) -> None:
+    """Raise UsageError if a format has not all of the options that a caller gave."""
     taken = [one for one, how in inspect.signature(read).parameters.items() if how.kind is how.KEYWORD_ONLY]
     for option in options:
         if option not in taken:
@@ -84,32 +122,38 @@ def record(
             what = f"it has {', '.join(offered) or 'none'}. {did_you_mean(option, offered, spelling='{}=')}".rstrip(
                 " ."
             )
-            raise UsageError(f"{place}: reading {name!r} has no option {option!r}; {what}")
-    read(place, recorder, progress=progress, **options)
+            raise UsageError(f"{src}: reading {name!r} has no option {option!r}; {what}")
 
 
-def is_foreign(path: str | Path) -> bool:
-    """Whether what is at a path must become a recording before it can be read as one.
+def read_as_it_is(path: Path) -> list[Path] | None:
+    """Return the MCAP files of what is at a path, in the order of writing, if they can be read where they lie.
 
-    A rosbag2 folder of MCAP files need not, unless we exported it: then its rows come back as they were.
+    None for what must become a recording before it can be read as one.
     """
     name = detect(path)
     if name is None:
-        return False
-    reads_as_it_is = getattr(_load(FORMATS[name]), "is_read_as_it_is", None)
-    return reads_as_it_is is None or not reads_as_it_is(Path(path))
+        return [path]
+    read = getattr(_load(FORMATS[name]), "read_as_it_is", None)
+    files: list[Path] | None = None if read is None else read(path)
+    return files
 
 
-def as_folder(path: str | Path) -> tempfile.TemporaryDirectory[str]:
+def as_folder(path: str | Path, *, salvages: bool = False) -> tempfile.TemporaryDirectory[str]:
     """Return a temporary folder with a recording of what is in a foreign file or folder.
+
+    Args:
+        path: The file or folder.
+        salvages: Whether to leave out what is damaged, with a warning, where the format can.
 
     Raises:
         As `record`; then there is no folder.
     """
+    name = detect(path)
+    can_skip = name is not None and hasattr(_load(FORMATS[name]), "carry")
+    options: dict[str, Any] = {"on_damage": "skip"} if salvages and can_skip else {}
     folder = tempfile.TemporaryDirectory(prefix="ml_dash_mcap-")
     try:
-        with Recorder(folder.name, prefix=Path(path).name) as recorder:
-            record(path, recorder)
+        into(path, Path(folder.name), Path(path).name, **options)
     except BaseException:
         folder.cleanup()
         raise

@@ -5,22 +5,24 @@ from __future__ import annotations
 import errno
 import shutil
 import tempfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import zstandard
 
-from ..errors import DamagedFileError, MissingRecordingError
+from ..errors import DamagedFileError, EncodingError, MissingRecordingError
+from ..messages import Channel
+from ..ros import information
 from .bag_mcap import McapBag
-from .bag_messages import Bag, Batch, Channel
+from .bag_messages import BagFile
 from .bag_sqlite import SqliteBag
 
 METADATA = "metadata.yaml"
-INFORMATION = "rosbag2_bagfile_information"
-_ZSTD = ".zstd"
+ZSTD = ".zstd"
 _SUFFIXES = (".mcap", ".db3")
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 class Folder:
@@ -43,70 +45,89 @@ class Folder:
             return [self.path]
         named = [str(name) for name in self.information.get("relative_file_paths") or ()]
         if not named:
-            there = [path for path in self.path.iterdir() if path.name.removesuffix(_ZSTD).endswith(_SUFFIXES)]
+            there = [path for path in self.path.iterdir() if path.name.removesuffix(ZSTD).endswith(_SUFFIXES)]
             return sorted(there, key=lambda path: _natural(path.name))
-        files = [self.path / name for name in named]
-        for file in files:
-            inside = file.resolve().is_relative_to(self.path.resolve())
-            if not inside or not file.is_file():
-                what = "is named in metadata.yaml and missing" if inside else "lies outside the bag's folder"
-                raise MissingRecordingError(errno.ENOENT, f"a file of the bag {what}", str(file))
-        return files
+        return [self._named(name) for name in named]
+
+    def _named(self, name: str) -> Path:
+        """Return a file that the metadata names.
+
+        Up to version 2 the names start with the folder's own one, which may be another today; and some versions of
+        rosbag2 say in the metadata of compressed files what they are called without, or with, `.zstd`.
+        """
+        candidates = [self.path / name]
+        if ".." not in PurePosixPath(name).parts:
+            candidates.append(self.path / PurePosixPath(name).name)
+        for file in candidates:
+            other = file.with_name(file.name.removesuffix(ZSTD) if file.name.endswith(ZSTD) else file.name + ZSTD)
+            for one in (file, other):
+                if one.is_file() and one.resolve().is_relative_to(self.path.resolve()):
+                    return one
+        inside = candidates[0].resolve().is_relative_to(self.path.resolve())
+        what = "is named in metadata.yaml and missing" if inside else "lies outside the bag's folder"
+        raise MissingRecordingError(errno.ENOENT, f"a file of the bag {what}", str(candidates[0]))
 
     @property
-    def custom(self) -> Mapping[str, str]:
-        """What somebody wrote about the bag, by key."""
-        found = self.information.get("custom_data")
-        return found if isinstance(found, dict) else {}
-
-    @property
-    def is_compressed(self) -> bool:
-        """Whether its files or messages are."""
-        by_file = any(file.name.endswith(_ZSTD) for file in self.files)
-        return by_file or bool(self.information.get("compression_mode"))
+    def text(self) -> str:
+        """The whole `metadata.yaml`; empty if there is none."""
+        path = self.path / METADATA
+        return path.read_text(encoding="utf-8", errors="replace") if self.information else ""
 
 
 class FolderBag:
     """The files of a folder, opened one after the other."""
+
+    format = "rosbag2"
 
     def __init__(self, path: Path, *, salvages: bool = False) -> None:
         """Open the files once, to see what they have.
 
         Args:
             path: Of the folder, or of one of its files.
-            salvages: Whether to leave out what is damaged in MCAP files, and note it in `losses`.
+            salvages: Whether to leave out what is damaged, and note it in the files' `losses`.
 
         Raises:
             MissingRecordingError: A file is not there.
             DamagedFileError: A file is damaged.
+            EncodingError: Its messages are compressed by something else than zstd.
         """
-        self._folder = Folder(path)
+        self.folder = Folder(path)
         self._salvages = salvages
-        self.losses: list[str] = []
         self._unpacked: tempfile.TemporaryDirectory[str] | None = None
-        self.custom = self._folder.custom
-        self._channels: dict[Channel, None] = {}
+        self.custom = information.custom(self.folder.information)
+        self.distro = str(self.folder.information.get("ros_distro") or "")
+        self.text = self.folder.text
+        """The whole `metadata.yaml`; empty if there is none."""
+        self.version = information.version(self.folder.information)
+        self._mode = str(self.folder.information.get("compression_mode") or "").lower()
+        kind = str(self.folder.information.get("compression_format") or "").lower()
+        if self._mode == "message" and kind not in ("", "zstd"):
+            raise EncodingError(f"{path}: its messages are compressed by {kind!r}; only zstd is known here")
+        found: dict[Channel, None] = {}
         self.count = 0
         try:
-            for bag in self._opened():
-                self._channels.update(dict.fromkeys(bag.channels))
-                self.count += bag.count
-                if not self.custom and isinstance(bag, McapBag):
-                    self.custom = _custom(bag.serialized_metadata)
+            for file in self.files():
+                found.update(dict.fromkeys(file.channels.values()))
+                self.count += file.count
+                self._look(file)
         except BaseException:
             self.close()
             raise
+        self.channels = list(found)
 
-    @property
-    def channels(self) -> list[Channel]:
-        """All channels."""
-        return list(self._channels)
-
-    def batches(self, wanted: Collection[Channel]) -> Iterator[Batch]:
-        """Yield the messages of some channels, each channel's by time within each file."""
-        for bag in self._opened():
-            yield from bag.batches(wanted)
-            self.losses += bag.losses
+    def files(self) -> Iterator[BagFile]:
+        """Open the files one after the other; each is closed when the next one is asked for."""
+        for path in self.folder.files:
+            name = path.name.removesuffix(ZSTD)
+            whole = self._decompressed(path) if path.name.endswith(ZSTD) else path
+            open_file: Callable[..., BagFile] = McapBag if name.endswith(".mcap") else SqliteBag
+            file = open_file(whole, is_packed=self._mode == "message", salvages=self._salvages)
+            try:
+                yield file
+            finally:
+                file.close()
+            if whole != path:
+                whole.unlink()
 
     def close(self) -> None:
         """Remove what was unpacked. May be called twice."""
@@ -114,25 +135,34 @@ class FolderBag:
             self._unpacked.cleanup()
             self._unpacked = None
 
-    def _opened(self) -> Iterator[Bag]:
-        mode = str(self._folder.information.get("compression_mode") or "").lower()
-        unpack = zstandard.ZstdDecompressor().decompress if mode == "message" else None
-        for file in self._folder.files:
-            name = file.name.removesuffix(_ZSTD)
-            whole = self._decompressed(file) if file.name.endswith(_ZSTD) else file
-            bag: Bag = McapBag(whole, salvages=self._salvages) if name.endswith(".mcap") else SqliteBag(whole, unpack)
-            try:
-                yield bag
-            finally:
-                bag.close()
-            if whole != file:
-                whole.unlink()
+    def _look(self, file: BagFile) -> None:
+        """Take from a file what the folder does not say of the bag."""
+        if isinstance(file, McapBag):
+            distro, text = file.about.get("ROS_DISTRO", ""), file.about.get("serialized_metadata", "")
+        else:
+            assert isinstance(file, SqliteBag)
+            distro, text = file.distro, file.information
+        inside = information.lenient(text)
+        self.distro = self.distro or distro or str(inside.get("ros_distro") or "")
+        self.version = self.version or information.version(inside)
+        self._mode = self._mode or str(inside.get("compression_mode") or "").lower()
+        self.custom = self.custom or information.custom(inside)
+        if not self._mode and not self.folder.information and self._is_packed(file):
+            self._mode = "message"
+
+    def _is_packed(self, file: BagFile) -> bool:
+        """Whether messages are compressed one by one, in a folder whose metadata was never written.
+
+        Its first message tells: no CDR message starts as zstd does.
+        """
+        first = next(file.blocks(file.channels.keys()), None) if file.count else None
+        return first is not None and bytes(first.payloads[0][:4]) == _ZSTD_MAGIC
 
     def _decompressed(self, file: Path) -> Path:
         """Return a file's content in a temporary place, which has to hold one at a time."""
         if self._unpacked is None:
             self._unpacked = tempfile.TemporaryDirectory(prefix="ml_dash_mcap-")
-        target = Path(self._unpacked.name) / file.name.removesuffix(_ZSTD)
+        target = Path(self._unpacked.name) / file.name.removesuffix(ZSTD)
         try:
             with file.open("rb") as packed, target.open("wb") as whole:
                 shutil.copyfileobj(zstandard.ZstdDecompressor().stream_reader(packed), whole, 1 << 20)
@@ -141,41 +171,16 @@ class FolderBag:
         return target
 
 
-def _information(path: Path) -> dict[str, Any]:
+def _information(path: Path) -> Mapping[str, Any]:
     if not path.exists():
         return {}
     try:
-        said = _parse(path.read_text(encoding="utf-8"))
+        return information.parse(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise DamagedFileError(path, 0, f"it is no metadata of a bag: {error}") from error
-    found = said.get(INFORMATION)
-    return found if isinstance(found, dict) else {}
-
-
-def _custom(text: str) -> Mapping[str, str]:
-    try:
-        said = _parse(text) if text else {}
-    except ValueError:
-        return {}
-    found = said.get(INFORMATION, said)
-    custom = found.get("custom_data") if isinstance(found, dict) else None
-    return custom if isinstance(custom, dict) else {}
-
-
-def _parse(text: str) -> dict[str, Any]:
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    try:
-        said = YAML(typ="safe", pure=True).load(text)
-    except YAMLError as error:
-        raise ValueError(str(error).splitlines()[0]) from error
-    if not isinstance(said, dict):
-        raise ValueError("there is no mapping in it")
-    return said
 
 
 def _natural(name: str) -> tuple[int, str]:
     """Sort `bag_10` behind `bag_9`."""
-    digits = "".join(letter for letter in name.removesuffix(_ZSTD).rpartition("_")[2] if letter.isdigit())
+    digits = "".join(letter for letter in name.removesuffix(ZSTD).rpartition("_")[2] if letter.isdigit())
     return (int(digits) if digits else 0, name)

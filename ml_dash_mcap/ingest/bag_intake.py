@@ -3,26 +3,74 @@
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from .. import clock
-from ..errors import ConversionWarning, DamagedFileError, EncodingError
-from ..layout import MESSAGE
+from ..errors import DamagedFileError
+from ..layout import MESSAGE, TRACK
 from ..lookup import not_found
+from ..messages import Channel
+from ..read import decode
+from ..read.ordering import TOLERANCE_NS
+from ..read.records import Channel as McapChannel
+from ..read.records import Schema
 from ..recorder import Recorder
-from ..ros import decode, lossless, msg, restore
+from ..ros import lossless, msg, restore
 from ..ros.lossless import Message
 from ..ros.unpack import unpack
 from ..rows.encode import TIME_KEY
-from ..topic import Topic
-from .bag_messages import Bag, Batch, Channel
+from ..topic import MessageTopic
+from .bag_messages import Bag, Batch
+from .bag_types import Types
 
 Row = dict[str, Any]
 
 _CUSTOM_KEY = "ml_dash"
+
+
+class Origins:
+    """Which channels of a bag are topics that this library exported, and which are standard messages made of them."""
+
+    def __init__(self, bag: Bag) -> None:
+        """Look at a bag's definitions, and at what its metadata say."""
+        self.metadata = _metadata(bag.custom)
+        self.own: dict[Channel, Message] = {}
+        """Channels with messages that say all that our rows said, and what these look like."""
+        self._derived: set[str] = set(self.metadata.get("derived", {}))
+        for channel in bag.channels:
+            message = msg.parse(channel.type, channel.text) if msg.MARK in channel.text else None
+            if message is not None:
+                self.own[channel] = message
+                self._derived.update(message.about.get("derived", ()))
+
+    def is_derived(self, channel: Channel) -> bool:
+        """Whether a channel has standard messages that say again what one of ours says."""
+        return bool(self.own) and channel not in self.own and channel.topic in self._derived
+
+    def name(self, channel: Channel) -> str:
+        """Return what a topic is called in the recording."""
+        message = self.own.get(channel)
+        if message is None:
+            return channel.topic
+        name = self.metadata.get("topics", {}).get(channel.topic) or message.about.get("topic")
+        return name if isinstance(name, str) else channel.topic.removeprefix("/")
+
+    def chosen(self, channels: Iterable[Channel], wanted: Collection[str] | None) -> set[Channel]:
+        """Return the channels of some topics, by the bag's names or ours; by default all that are not derived.
+
+        Raises:
+            NotFoundError: There is no such topic.
+        """
+        channels = list(channels)
+        if wanted is None:
+            return {channel for channel in channels if not self.is_derived(channel)}
+        names = dict.fromkeys(name for one in channels for name in (one.topic, self.name(one)))
+        for name in wanted:
+            if name not in names:
+                raise not_found("topic", name, names)
+        return {channel for channel in channels if {channel.topic, self.name(channel)} & set(wanted)}
 
 
 class Intake:
@@ -31,90 +79,59 @@ class Intake:
     def __init__(
         self,
         src: Path,
-        bag: Bag,
         recorder: Recorder,
+        origins: Origins,
+        types: Types,
+        wanted: Iterable[Channel],
         uses_header: bool,
-        wanted: Collection[str] | None,
-        definitions: Mapping[str, str],
-        skips_unknown: bool,
     ) -> None:
         """Open a topic of the recorder for each channel that is wanted.
 
         Args:
             src: Of the bag, for the errors.
-            bag: Whose messages come.
             recorder: Where to.
+            origins: Which channels are ours.
+            types: What is known of the bag's types.
+            wanted: Channels whose messages become rows.
             uses_header: Whether `_ts` is the header's stamp, for messages of others.
-            wanted: Topics, by the bag's names or ours; None for all but the standard messages that we derived.
-            definitions: Type to its definition, as text.
-            skips_unknown: Whether to leave out types that nobody knows.
 
         Raises:
-            EncodingError: A type is not known.
-            NotFoundError: There is no such topic.
+            EncodingError: A type is not known, and that was not to be.
         """
         self._src = src
         self._recorder = recorder
+        self._origins = origins
+        self._types = types
         self._uses_header = uses_header
-        self._definitions = definitions
-        self._skips_unknown = skips_unknown
-        self._adders: dict[Channel, Callable[[Batch], None] | None] = {}
-        self._said = _said(bag.custom)
-        if self._said.get("params"):
-            recorder.set_parameters(self._said["params"])
-        derived: set[str] = set(self._said.get("derived", {}))
-        own: dict[Channel, Message] = {}
-        for channel in bag.channels:
-            message = msg.parse(channel.type, channel.text) if msg.MARK in channel.text else None
-            if message is not None:
-                own[channel] = message
-                derived.update(message.about.get("derived", ()))
-        named = {channel: self._name(channel, message) for channel, message in own.items()}
-        self._check(wanted, bag.channels, named)
-        for channel in bag.channels:
-            if wanted is not None and not {channel.topic, named.get(channel, channel.topic)} & set(wanted):
-                self._adders[channel] = None
-            elif channel in own:
-                self._adders[channel] = self._own(channel, own[channel])
-            elif wanted is None and channel.topic in derived and own:
-                self._adders[channel] = None
-            else:
-                self._adders[channel] = self._foreign(channel)
+        self._adders: dict[Channel, Callable[[Batch], None]] = {}
+        for channel in wanted:
+            self._adders[channel] = (
+                self._own(channel, origins.own[channel]) if channel in origins.own else self._foreign(channel)
+            )
+        if origins.metadata.get("params") and any(channel in origins.own for channel in self._adders):
+            recorder.set_parameters(origins.metadata["params"])
 
     @property
     def wanted(self) -> set[Channel]:
         """The channels whose messages become rows."""
-        return {channel for channel, adder in self._adders.items() if adder is not None}
+        return set(self._adders)
 
     def add(self, batch: Batch) -> None:
         """Take some messages."""
-        adder = self._adders[batch.channel]
-        assert adder is not None  # it is a wanted one
-        adder(batch)
-
-    def _name(self, channel: Channel, message: Message) -> str:
-        """Return what a topic of ours was called in its recording."""
-        name = self._said.get("topics", {}).get(channel.topic) or message.about.get("topic")
-        return name if isinstance(name, str) else channel.topic.removeprefix("/")
-
-    @staticmethod
-    def _check(wanted: Collection[str] | None, channels: Iterable[Channel], named: Mapping[Channel, str]) -> None:
-        there = {channel.topic: None for channel in channels}
-        there.update(dict.fromkeys(named.values()))
-        for name in wanted or ():
-            if name not in there:
-                raise not_found("topic", name, there)
+        self._adders[batch.channel](batch)
 
     def _own(self, channel: Channel, message: Message) -> Callable[[Batch], None]:
         """Return what takes messages that say all that our rows said."""
-        name = self._name(channel, message)
-        said = {**message.about, **self._said.get("about", {}).get(name, {})}
-        topic = self._recorder.topic(
-            name,
-            description=said.get("description"),
-            tags=said.get("tags") or None,
-            metadata=said.get("metadata") or None,
-        )
+        name = self._origins.name(channel)
+        said = {**message.about, **self._origins.metadata.get("about", {}).get(name, {})}
+        about = {
+            "description": said.get("description"),
+            "tags": said.get("tags") or None,
+            "metadata": said.get("metadata") or None,
+        }
+        if said.get("kind", TRACK) != TRACK:
+            return self._own_messages(channel, message, self._recorder._open(name, MESSAGE, MessageTopic, **about))
+        topic = self._recorder.topic(name, **about)
         type_ = lossless.struct(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
 
         def add(batch: Batch) -> None:
@@ -132,49 +149,50 @@ class Intake:
 
         return add
 
-    def _foreign(self, channel: Channel) -> Callable[[Batch], None] | None:
-        """Return what takes messages of others; None if their type is not known and that is allowed."""
-        try:
-            decode_one = self._decoder(channel)
-        except EncodingError as error:
-            what = f"topic {channel.topic!r} of type {channel.type!r}: {error}"
-            if not self._skips_unknown:
-                raise EncodingError(
-                    f"{what}; pass definitions={{{channel.type!r}: <its .msg text>}}, or on_unknown='skip' to leave it"
-                    " out"
-                ) from error
-            warnings.warn(f"{what}; it is left out", ConversionWarning, stacklevel=2)
-            return None
-        topic = self._recorder._open(channel.topic, MESSAGE, Topic)
+    def _own_messages(self, channel: Channel, message: Message, topic: MessageTopic) -> Callable[[Batch], None]:
+        """Return what takes messages that were no rows of a track in the recording: each stays one, at its time."""
+        type_ = lossless.struct(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
 
         def add(batch: Batch) -> None:
+            rows = restore.rows(message, unpack(type_, batch.payloads, is_ros1=channel.is_ros1))
+            topic.append_at(rows, [_unshifted(row[TIME_KEY], at) for row, at in zip(rows, batch.times_ns, strict=True)])
+
+        return add
+
+    def _foreign(self, channel: Channel) -> Callable[[Batch], None]:
+        """Return what takes messages of others, each a row of its own."""
+        decode_one: Callable[[bytes], Row] | None = None
+        topic = self._recorder._open(channel.topic, MESSAGE, MessageTopic)
+
+        def add(batch: Batch) -> None:
+            nonlocal decode_one
+            if decode_one is None:
+                decode_one = self._decoder(channel)
             rows = []
-            for time_ns, payload in zip(batch.times_ns, batch.payloads, strict=True):
+            times_ns = list(batch.times_ns)
+            for at, (time_ns, payload) in enumerate(zip(batch.times_ns, batch.payloads, strict=True)):
                 try:
                     row = decode_one(payload)
                 except ValueError as error:
                     what = f"the message of topic {channel.topic!r} at {time_ns} ns is no {channel.type}"
                     raise DamagedFileError(self._src, 0, f"{what}: {error}") from error
-                stamp = _stamp(row) if self._uses_header else 0
-                row[TIME_KEY] = clock.to_seconds(stamp or time_ns)
+                times_ns[at] = (_stamp(row) if self._uses_header else 0) or time_ns
                 rows.append(row)
-            topic.append_batch(rows)
+            topic.append_at(rows, times_ns)
 
         return add
 
     def _decoder(self, channel: Channel) -> Callable[[bytes], Row]:
-        encoding, text = channel.encoding, channel.text
-        given = self._definitions.get(canonical(channel.type))
-        if given is not None:
-            encoding, text = ("ros1msg" if channel.is_ros1 else "ros2msg"), given
-        elif not text:
-            from ..ros import stores
-
-            encoding, text = "ros2msg", stores.known(channel.type)
-        return decode.decoder(channel.type, encoding, text, is_ros1=channel.is_ros1)
+        known = self._types.described(channel)
+        if self._types.is_unknown(channel):
+            self._types.name_unknown(channel)
+            return lambda payload: {decode.RAW_FIELD: payload}
+        schema = Schema(1, known.type, known.schema_encoding, known.definition)
+        record = McapChannel(1, 1, channel.topic, channel.message_encoding, dict(channel.metadata))
+        return decode.decoder(record, schema if known.type or known.definition else None)
 
 
-def _said(custom: Mapping[str, str]) -> dict[str, Any]:
+def _metadata(custom: Mapping[str, str]) -> dict[str, Any]:
     """Return what our export wrote about the bag."""
     try:
         found = json.loads(custom.get(_CUSTOM_KEY, "{}"))
@@ -182,6 +200,11 @@ def _said(custom: Mapping[str, str]) -> dict[str, Any]:
         return {}
     is_ours = isinstance(found, dict) and all(isinstance(found.get(key, {}), dict) for key in ("topics", "about"))
     return found if is_ours else {}
+
+
+def _unshifted(time_s: float, time_ns: int) -> int:
+    """Return the time, in ns, of a message whose bag was perhaps exported with another offset than its own."""
+    return time_ns if abs(time_s * clock.NS_PER_S - time_ns) <= TOLERANCE_NS else clock.to_nanoseconds(time_s)
 
 
 def _stamp(row: Row) -> int:
@@ -194,9 +217,3 @@ def _stamp(row: Row) -> int:
     if not isinstance(sec, int) or not isinstance(nsec, int) or sec < 0:
         return 0
     return sec * clock.NS_PER_S + nsec
-
-
-def canonical(name: str) -> str:
-    """Return a type's name as `package/Name`, whether `msg` stood in between or not."""
-    parts = name.split("/")
-    return f"{parts[0]}/{parts[-1]}"

@@ -1,28 +1,100 @@
-"""What a bag is made of, whatever its format: channels, and their messages some at a time."""
+"""What a bag is made of, whatever its format: files with channels, and their messages as they are stored."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple, Protocol
 
-BATCH_MESSAGES = 2048
-BATCH_BYTES = 4_000_000
-"""Messages of a channel are handed on by about so many at most."""
+import numpy as np
+import zstandard
+
+from ..errors import DamagedFileError
+from ..messages import Channel, MessageBlock, Payload
 
 
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """Messages of one type on one topic."""
+class BagFile(Protocol):
+    """One file of a bag, opened."""
 
-    topic: str
-    type: str
-    """As the bag has it, such as "sensor_msgs/msg/JointState"."""
-    encoding: str = ""
-    """Of `text`: "ros1msg", "ros2msg" or "ros2idl"; empty if the bag does not say what the type is made of."""
-    text: str = field(default="", repr=False)
-    is_ros1: bool = False
-    """Whether messages are in ROS 1's serialization format, or else in CDR."""
+    name: str
+    """Without its folder and what says that it is compressed."""
+
+    @property
+    def channels(self) -> Mapping[int, Channel]:
+        """All channels by their numbers in the file, also those without messages."""
+
+    @property
+    def count(self) -> int:
+        """Messages in all, as the file's index says."""
+
+    @property
+    def losses(self) -> list[str]:
+        """What was left out so far because it is damaged, in words."""
+
+    def blocks(self, wanted: Collection[int]) -> Iterator[MessageBlock]:
+        """Yield the messages of some channels, in the order in which the file has them.
+
+        Raises:
+            DamagedFileError: The file is damaged further on.
+        """
+
+    def close(self) -> None:
+        """Close the file. May be called twice."""
+
+
+class Bag(Protocol):
+    """A bag: its files, and what is known of all of them."""
+
+    format: str
+    """"rosbag1" or "rosbag2"."""
+    distro: str
+    """Name of the ROS distribution that recorded it; empty if nobody says."""
+    text: str
+    """Of the whole `metadata.yaml`; empty if there is none."""
+    custom: Mapping[str, str]
+    """What somebody wrote about the bag, by key."""
+    channels: list[Channel]
+    """Those of all files, each once."""
+    count: int
+    """Messages in all."""
+
+    def files(self) -> Iterator[BagFile]:
+        """Open the files one after the other; each is closed when the next one is asked for."""
+
+    def close(self) -> None:
+        """Remove what was unpacked. May be called twice."""
+
+
+_MOST_MESSAGE_BYTES = 1 << 30
+
+
+def unpacked(block: MessageBlock, path: Path, losses: list[str] | None) -> MessageBlock:
+    """Decompress messages, each of which is compressed by zstd.
+
+    Args:
+        block: The messages.
+        path: Their file.
+        losses: Takes in those that are damaged, which are left out; None to raise.
+
+    Raises:
+        DamagedFileError: A message cannot be decompressed.
+    """
+    unpack = zstandard.ZstdDecompressor().decompress
+    payloads: list[Payload] = []
+    kept = []
+    for at, payload in enumerate(block.payloads):
+        try:
+            payloads.append(unpack(payload, max_output_size=_MOST_MESSAGE_BYTES))
+        except zstandard.ZstdError as error:
+            what = f"the message at {block.times_ns[at]} ns cannot be decompressed: {error}"
+            if losses is None:
+                raise DamagedFileError(path, 0, what) from error
+            losses.append(f"{path}: {what}")
+        else:
+            kept.append(at)
+    whole = block if len(kept) == len(block) else block.pick(np.array(kept, np.intp))
+    return replace(whole, payloads=payloads)
 
 
 class Batch(NamedTuple):
@@ -33,59 +105,10 @@ class Batch(NamedTuple):
     payloads: list[bytes]
 
 
-class Bag(Protocol):
-    """An opened bag."""
-
-    @property
-    def channels(self) -> list[Channel]:
-        """All channels, also those without messages."""
-
-    @property
-    def count(self) -> int:
-        """Messages in all."""
-
-    @property
-    def custom(self) -> Mapping[str, str]:
-        """What somebody wrote about the bag, by key."""
-
-    @property
-    def losses(self) -> list[str]:
-        """What was left out because it is damaged, in words."""
-
-    def batches(self, wanted: Collection[Channel]) -> Iterator[Batch]:
-        """Yield the messages of some channels, each channel's by time as far as the bag's index has them so."""
-
-    def close(self) -> None:
-        """Close the files. May be called twice."""
-
-
-class Collector:
-    """Puts messages that come one by one into batches."""
-
-    def __init__(self) -> None:
-        self._waiting: dict[Any, Batch] = {}
-        self._sizes: dict[Any, int] = {}
-        self._total = 0
-
-    def add(self, key: Any, channel: Channel, time_ns: int, payload: bytes) -> Iterator[Batch]:
-        """Take a message; yields what is ready."""
-        batch = self._waiting.get(key)
-        if batch is None:
-            batch = self._waiting[key] = Batch(channel, [], [])
-            self._sizes[key] = 0
-        batch.times_ns.append(time_ns)
-        batch.payloads.append(payload)
-        self._sizes[key] += len(payload)
-        self._total += len(payload)
-        if len(batch.times_ns) >= BATCH_MESSAGES or self._sizes[key] >= BATCH_BYTES:
-            self._total -= self._sizes.pop(key)
-            yield self._waiting.pop(key)
-        elif self._total >= 4 * BATCH_BYTES:
-            yield from self.rest()
-
-    def rest(self) -> Iterator[Batch]:
-        """Yield all that is left."""
-        waiting, self._waiting = self._waiting, {}
-        self._sizes.clear()
-        self._total = 0
-        yield from waiting.values()
+def batches(file: BagFile, wanted: Collection[Channel]) -> Iterator[Batch]:
+    """Yield a file's messages of some channels, those of a block and channel together."""
+    numbers = {number for number, channel in file.channels.items() if channel in wanted}
+    for block in file.blocks(numbers):
+        for number in np.unique(block.channels).tolist():
+            part = block.pick(np.flatnonzero(block.channels == number))
+            yield Batch(file.channels[number], part.times_ns.tolist(), [bytes(one) for one in part.payloads])

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import DamagedFileError
-from .bag_messages import Batch, Channel, Collector
+from ..messages import Channel, MessageBlock, Payload
 
 MAGIC = b"#ROSBAG V"
 _VERSION = b"2.0\n"
@@ -31,14 +31,40 @@ _ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
 _LENGTH = struct.Struct("<I")
 _MESSAGE_OP = b"op=" + bytes([_MESSAGE])
 
+_MD5_OF_NOTHING = "d41d8cd98f00b204e9800998ecf8427e"
+"""Of a type without fields, whose definition may be an empty text."""
+
 Fields = Mapping[str, bytes]
+Numbers = npt.NDArray[np.int64]
+
+
+class Ros1Bag:
+    """A ROS 1 bag, which is one file."""
+
+    format = "rosbag1"
+    distro = ""
+    text = ""
+    custom: Mapping[str, str] = {}
+    """Such bags have no place for it."""
+
+    def __init__(self, path: Path, *, salvages: bool = False) -> None:
+        """Open a bag; the arguments and errors are those of `Ros1File`."""
+        self._file = Ros1File(path, salvages=salvages)
+        self.channels = list(dict.fromkeys(self._file.channels.values()))
+        self.count = self._file.count
+
+    def files(self) -> Iterator[Ros1File]:
+        """Yield its file."""
+        yield self._file
+
+    def close(self) -> None:
+        """Close its file. May be called twice."""
+        self._file.close()
 
 
 class _Chunk(NamedTuple):
     """What a bag's index says of a chunk."""
 
-    start: tuple[int, int]
-    """Of its first message, s and ns."""
     place: int
     counts: Mapping[int, int]
     """Connection to its messages."""
@@ -48,26 +74,38 @@ class _BrokenError(Exception):
     """A record is not what it should be; the message says what it is."""
 
 
-class Ros1Bag:
-    """An opened ROS 1 bag. Memory holds its index of chunks, and one chunk."""
+class Ros1File:
+    """An opened ROS 1 bag. Memory holds its index of chunks, and a few chunks."""
 
-    custom: Mapping[str, str] = {}
-    """Such bags have no place for it."""
-
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, salvages: bool = False) -> None:
         """Open a bag.
+
+        Args:
+            path: Of the bag.
+            salvages: Whether to leave out what is damaged, and note it in `losses`. A bag without an index, such as one
+                that is still being written (`.bag.active`), is walked then.
 
         Raises:
             DamagedFileError: It is no ROS 1 bag, is cut, or has no index.
         """
-        self._path = path
+        self.name = path.name
         self.losses: list[str] = []
+        self._path = path
+        self._salvages = salvages
         self._file = path.open("rb")
+        self.channels: dict[int, Channel] = {}
+        """All connections, by their numbers."""
+        self._chunks: list[_Chunk] = []
         try:
             self._size = os.fstat(self._file.fileno()).st_size
-            self._channels: dict[int, Channel] = {}
-            self._chunks: list[_Chunk] = []
-            self._read_index()
+            self._begin()
+            try:
+                self._read_index()
+            except _BrokenError as error:
+                if not salvages:
+                    raise
+                self.losses.append(f"{path}: {error}; its records were walked")
+                self._walk()
         except _BrokenError as error:
             self.close()
             raise DamagedFileError(path, 0, f"this ROS 1 bag cannot be read: {error}") from error
@@ -76,45 +114,40 @@ class Ros1Bag:
             raise
 
     @property
-    def channels(self) -> list[Channel]:
-        """All channels."""
-        return list(self._channels.values())
-
-    @property
     def count(self) -> int:
         """Messages in all."""
         return sum(sum(chunk.counts.values()) for chunk in self._chunks)
 
-    def batches(self, wanted: Collection[Channel]) -> Iterator[Batch]:
-        """Yield the messages of some channels, the chunks by their first time, and within them each channel's by time.
+    def blocks(self, wanted: Collection[int]) -> Iterator[MessageBlock]:
+        """Yield the messages of some connections, in the order of the file.
 
         Raises:
             DamagedFileError: A chunk cannot be read.
         """
-        collector = Collector()
-        numbers = {number for number, channel in self._channels.items() if channel in wanted}
-        for chunk in sorted(self._chunks, key=lambda one: (one.start, one.place)):
-            if not numbers & chunk.counts.keys():
-                continue
+        mine = [chunk for chunk in self._chunks if chunk.counts.keys() & wanted]
+        for chunk in sorted(mine, key=lambda one: one.place):
             try:
-                found = self._messages(chunk, numbers)
+                block = self._block(chunk, wanted)
             except (_BrokenError, ValueError, OverflowError) as error:
                 what = f"the chunk at byte {chunk.place} of this ROS 1 bag cannot be read: {error}"
-                raise DamagedFileError(self._path, chunk.place, what) from error
-            for time_ns, number, payload in found:
-                channel = self._channels[number]
-                yield from collector.add(channel.topic, channel, time_ns, payload)
-        yield from collector.rest()
+                if not self._salvages:
+                    raise DamagedFileError(self._path, chunk.place, what) from error
+                self.losses.append(f"{self._path}, byte {chunk.place}: {what}")
+                continue
+            if len(block):
+                yield block
 
     def close(self) -> None:
         """Close the file. May be called twice."""
         self._file.close()
 
-    def _read_index(self) -> None:
+    def _begin(self) -> None:
         head = self._file.read(len(MAGIC) + len(_VERSION))
         if head != MAGIC + _VERSION:
             what = f"its version is {head[len(MAGIC) :].strip()!r}, not 2.0" if head.startswith(MAGIC) else f"{head!r}"
             raise _BrokenError(f"it starts with {what}")
+
+    def _read_index(self) -> None:
         fields, _ = self._record(_BAG)
         if fields.get("encryptor"):
             raise _BrokenError(f"it is encrypted, by {fields['encryptor'].decode(errors='replace')!r}")
@@ -126,17 +159,50 @@ class Ros1Bag:
         self._file.seek(place)
         for _ in range(connections):
             fields, data = self._record(_CONNECTION)
-            self._channels[_number(fields, "conn", 4)] = _channel(fields, _parsed(data))
+            self.channels[_number(fields, "conn", 4)] = _channel(fields, _parsed(data))
         for _ in range(chunks):
             fields, data = self._record(_CHUNK_INFO)
             pairs = np.frombuffer(data[: len(data) // 8 * 8], "<u4").reshape(-1, 2).tolist()
-            start = struct.unpack("<II", _field(fields, "start_time", 8))
-            self._chunks.append(_Chunk(start, _number(fields, "chunk_pos", 8), dict(pairs)))
+            self._chunks.append(_Chunk(_number(fields, "chunk_pos", 8), dict(pairs)))
 
-    def _record(self, op: int) -> tuple[Fields, bytes]:
-        """Read the next record, which must be of a kind."""
+    def _walk(self) -> None:
+        """Find chunks and connections without the index, up to where the file is cut."""
+        self.channels.clear()
+        self._chunks.clear()
+        self._file.seek(len(MAGIC) + len(_VERSION))
+        while (place := self._file.tell()) < self._size:
+            try:
+                fields, data = self._record(None)
+                if fields.get("op") == bytes([_CHUNK]):
+                    content = _unpacked(data, _field(fields, "compression"), _number(fields, "size", 4))
+                    _, owners, _ = self._walked(content)
+                    numbers, counts = np.unique(owners, return_counts=True)
+                    found = zip(numbers.tolist(), counts.tolist(), strict=True)
+                    self._chunks.append(_Chunk(place, dict(found)))
+            except (_BrokenError, ValueError, OverflowError) as error:
+                self.losses.append(f"{self._path}, byte {place}: {error}")
+                return
+
+    def _walked(self, content: bytes) -> tuple[list[int], list[int], list[int]]:
+        """Walk a chunk's records: the times (ns), connections and places of its messages. Takes in its connections."""
+        times, owners, places = [], [], []
+        at = 0
+        while at < len(content):
+            fields, data, end = _record_at(content, at)
+            if fields.get("op") == bytes([_CONNECTION]):
+                self.channels.setdefault(_number(fields, "conn", 4), _channel(fields, _parsed(data)))
+            elif fields.get("op") == bytes([_MESSAGE]):
+                sec, nsec = struct.unpack("<II", _field(fields, "time", 8))
+                times.append(sec * 1_000_000_000 + nsec)
+                owners.append(_number(fields, "conn", 4))
+                places.append(at)
+            at = end
+        return times, owners, places
+
+    def _record(self, op: int | None) -> tuple[Fields, bytes]:
+        """Read the next record, which must be of a kind; None for any."""
         fields = _parsed(self._sized(_HEADER_BYTES))
-        if fields.get("op") != bytes([op]):
+        if op is not None and fields.get("op") != bytes([op]):
             raise _BrokenError(f"a record before byte {self._file.tell()} is not what the index says")
         return fields, self._sized(_RECORD_BYTES)
 
@@ -147,43 +213,78 @@ class Ros1Bag:
             raise _BrokenError(f"it ends, after {self._size} bytes, before its records do; `rosbag reindex` may help")
         return self._file.read(size)
 
-    def _messages(self, chunk: _Chunk, numbers: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
-        """Return the messages of some connections in a chunk, by time."""
+    def _block(self, chunk: _Chunk, wanted: Collection[int]) -> MessageBlock:
+        """Return the messages of some connections in a chunk."""
         if chunk.place > self._size:
             raise _BrokenError("the file ends before it")
         self._file.seek(chunk.place)
         fields, packed = self._record(_CHUNK)
         data = _unpacked(packed, _field(fields, "compression"), _number(fields, "size", 4))
-        found = []
+        try:
+            times, owners, places = self._indexed(chunk)
+        except _BrokenError:
+            if not self._salvages:
+                raise
+            walked = self._walked(data)
+            times, owners, places = (np.array(one, np.int64) for one in walked)
+        chosen = np.isin(owners, list(wanted))
+        order = np.flatnonzero(chosen)[np.argsort(places[chosen], kind="stable")]
+        times_ns = times[order].astype(np.uint64)
+        payloads = _payloads(data, places[order])
+        return MessageBlock(owners[order], times_ns, times_ns, np.zeros(len(order), np.uint32), payloads)
+
+    def _indexed(self, chunk: _Chunk) -> tuple[Numbers, Numbers, Numbers]:
+        """Read the indexes that lie behind a chunk: times (ns), connections and places of its messages."""
+        found, owners = [], []
         for _ in chunk.counts:
             fields, entries = self._record(_INDEX)
+            found.append(np.frombuffer(entries[: len(entries) // _ENTRY.itemsize * _ENTRY.itemsize], _ENTRY))
             number = _number(fields, "conn", 4)
-            if number in numbers:
-                found.append(
-                    (number, np.frombuffer(entries[: len(entries) // _ENTRY.itemsize * _ENTRY.itemsize], _ENTRY))
-                )
-        if not found:
-            return iter(())
-        whole = np.concatenate([entries for _, entries in found])
-        owners = np.repeat([number for number, _ in found], [len(entries) for _, entries in found])
-        times: npt.NDArray[np.int64] = whole["sec"].astype(np.int64) * 1_000_000_000 + whole["nsec"]
-        order = np.lexsort((whole["offset"], times))
-        places = whole["offset"][order].tolist()
-        payloads = [_payload(data, place) for place in places]
-        return zip(times[order].tolist(), owners[order].tolist(), payloads, strict=True)
+            if number not in self.channels:
+                raise _BrokenError(f"it has messages of connection {number}, which is not in the bag's index")
+            owners.append(number)
+        whole = np.concatenate([np.zeros(0, _ENTRY), *found])
+        times: Numbers = whole["sec"].astype(np.int64) * 1_000_000_000 + whole["nsec"]
+        return times, np.repeat(np.array(owners, np.int64), list(map(len, found))), whole["offset"].astype(np.int64)
 
 
-def _payload(data: bytes, at: int) -> bytes:
-    """Return the message whose record starts somewhere in a chunk."""
+def _record_at(data: bytes, at: int) -> tuple[Fields, bytes, int]:
+    """Return the fields and the data of the record at a place in a chunk, and where it ends."""
     try:
         (head,) = _LENGTH.unpack_from(data, at)
-        start = at + 8 + head
-        (size,) = _LENGTH.unpack_from(data, start - 4)
+        (size,) = _LENGTH.unpack_from(data, at + 4 + head)
     except struct.error as error:
-        raise _BrokenError(f"a message at byte {at} of it lies behind its end") from error
-    if start + size > len(data) or _MESSAGE_OP not in data[at : start - 4]:
-        raise _BrokenError(f"there is no whole message at byte {at} of it")
-    return data[start : start + size]
+        raise _BrokenError(f"a record at byte {at} of it is cut") from error
+    start = at + 8 + head
+    if start + size > len(data):
+        raise _BrokenError(f"a record at byte {at} of it is cut")
+    return _parsed(data[at + 4 : at + 4 + head]), data[start : start + size], start + size
+
+
+def _payloads(data: bytes, places: Numbers) -> list[Payload]:
+    """Return the messages whose records start at some places in a chunk.
+
+    Raises:
+        _BrokenError: Something else is there.
+    """
+    if not len(places):
+        return []
+    if int(places.max()) + 8 > len(data):
+        raise _BrokenError(f"a message at byte {int(places.max())} of it lies behind its end")
+    lengths = np.ndarray((len(data) - 3,), "<u4", data, strides=(1,))
+    starts = places + 8 + lengths[places].astype(np.int64)
+    if int(starts.max()) > len(data):
+        raise _BrokenError(f"a message at byte {int(places[np.argmax(starts)])} of it lies behind its end")
+    ends = starts + lengths[starts - 4]
+    if int(ends.max()) > len(data):
+        raise _BrokenError(f"there is no whole message at byte {int(places[np.argmax(ends)])} of it")
+    view = memoryview(data)
+    found: list[Payload] = []
+    for place, start, end in zip(places.tolist(), starts.tolist(), ends.tolist(), strict=True):
+        if data.find(_MESSAGE_OP, place, start) < 0:
+            raise _BrokenError(f"there is no whole message at byte {place} of it")
+        found.append(view[start:end])
+    return found
 
 
 def _unpacked(packed: bytes, compression: bytes, size: int) -> bytes:
@@ -223,14 +324,16 @@ _UNPACKERS: Mapping[bytes, Callable[[bytes, int], bytes]] = {
 
 
 def _channel(fields: Fields, said: Fields) -> Channel:
-    package, _, name = _text(said, "type").partition("/")
-    return Channel(  # definitions may have comments in any encoding
-        _text(fields, "topic"),
-        f"{package}/msg/{name}",
-        "ros1msg",
-        _field(said, "message_definition").decode("utf-8", "replace"),
-        is_ros1=True,
-    )
+    """Return the channel of a connection: what its header says, but for the type and its definition, is metadata."""
+    text = said.get("message_definition", b"")
+    metadata = {name: _lenient(value) for name, value in said.items() if name not in ("type", "message_definition")}
+    topic = _text(fields, "topic")
+    is_known = bool(text) or metadata.get("md5sum") == _MD5_OF_NOTHING
+    return Channel(topic, _text(said, "type"), "ros1msg" if is_known else "", text, "ros1", tuple(metadata.items()))
+
+
+def _lenient(value: bytes) -> str:
+    return value.decode("utf-8", "replace")
 
 
 def _parsed(data: bytes) -> dict[str, bytes]:

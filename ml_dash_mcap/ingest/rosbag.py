@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 
 from ..errors import ConversionWarning, OptionError, StorageError, UsageError
+from ..messages import Channel
 from ..recorder import Recorder
-from ..ros import msg
+from ..ros import information, msg
 from . import bag_folder, bag_mcap
 from .bag_folder import FolderBag
-from .bag_intake import Intake, canonical
-from .bag_messages import Bag
+from .bag_intake import Intake, Origins
+from .bag_messages import Bag, batches
+from .bag_types import Types, canonical
+from .carry import Carrier
 
 Progress = Callable[[int, int], object]
 
@@ -25,7 +29,7 @@ def detect(path: Path) -> str | None:
     if path.is_dir():
         metadata = path / bag_folder.METADATA
         try:
-            if metadata.is_file() and bag_folder.INFORMATION in metadata.read_text(encoding="utf-8", errors="replace"):
+            if metadata.is_file() and information.ROOT in metadata.read_text(encoding="utf-8", errors="replace"):
                 return "rosbag2"
         except OSError:
             return None
@@ -33,12 +37,12 @@ def detect(path: Path) -> str | None:
     head = _head(path)
     if head.startswith(_ROS1_MAGIC) or path.suffix == ".bag":
         return "rosbag1"
-    return "rosbag2" if path.suffix == ".db3" or _is_ros2(head) else None
+    return "rosbag2" if path.name.endswith((".db3", ".db3.zstd", ".mcap.zstd")) or _is_ros2(head) else None
 
 
 def _is_of_folder(path: Path) -> bool:
     """Whether a file, in a folder without metadata, is one of a bag."""
-    if path.name.endswith((".db3", ".db3.zstd")):
+    if path.name.endswith((".db3", ".db3.zstd", ".mcap.zstd")):
         return True
     return path.suffix == ".mcap" and _is_ros2(_head(path))
 
@@ -56,54 +60,58 @@ def _is_ros2(head: bytes) -> bool:
     return head.startswith(bag_mcap.MAGIC) and head[17:25] == b"\x04\0\0\0ros2"
 
 
-def is_read_as_it_is(path: Path) -> bool:
-    """Whether a bag's files can be read like any MCAP file, and give the rows that a conversion would give."""
-    if path.is_file():
-        files = [path]
-    else:
-        folder = bag_folder.Folder(path)
-        if folder.is_compressed:
-            return False
-        files = folder.files
-        if any(file.parent != path for file in files) or set(files) != set(path.glob("*.mcap")):
-            return False
-    if not files or any(file.suffix != ".mcap" for file in files):
-        return False
+def read_as_it_is(path: Path) -> list[Path] | None:
+    """Return the files of a bag, in the order of recording, if they can be read like any MCAP file.
+
+    None for what has to be unpacked or copied first, and for bags that this library exported: their topics come back as
+    the rows that they were.
+    """
+    folder = bag_folder.Folder(path)
+    files = folder.files
+    if not files or any(file.suffix != ".mcap" for file in files) or folder.information.get("compression_mode"):
+        return None
     bag = bag_mcap.McapBag(files[0], salvages=True)
     try:
-        return not any(msg.MARK in channel.text for channel in bag.channels)
+        is_ours = any(msg.MARK in channel.text for channel in bag.channels.values())
     finally:
         bag.close()
+    return None if is_ours else files
 
 
-def record(
+def carry(
     src: Path,
-    recorder: Recorder,
+    folder: Path,
+    prefix: str,
     *,
     progress: Progress | None = None,
+    encoding: str | None = None,
     time: str = "log",
     topics: Iterable[str] | None = None,
     definitions: Mapping[str, str | Path] | None = None,
-    on_unknown: str = "raise",
+    on_unknown: str = "keep",
     on_damage: str = "raise",
 ) -> None:
-    """Append a bag's messages to a recorder.
+    """Make a recording of a bag.
 
-    Topics that we exported come back as the rows that they were. Those of others become rows with the message's
-    fields: nested messages are dicts, `uint8[]` such as images is bytes; none of them are merged.
+    Its messages stay what they are: their bytes, times, types and definitions, in ROS's own encoding. Topics that we
+    exported come back as the rows that they were.
 
     Args:
         src: A ROS 1 bag, a rosbag2 folder, or one file of such a folder.
-        recorder: Where to.
+        folder: Of the recording; it is there.
+        prefix: Of the recording.
         progress: Called now and then with the messages done and the messages in all.
-        time: What `_ts` is for messages of others: "log", when they were recorded, or "header", their header's stamp
-            where they have one that is not 0.
+        encoding: "ros" keeps all messages as they are, also of topics that we exported; "json" makes rows of all, in
+            this library's own form; None keeps those of others, and makes rows of ours.
+        time: What `_ts` is for rows that are made of messages of others: "log", when they were recorded, or "header",
+            their header's stamp where they have one that is not 0; then all messages become rows.
         topics: Names of the bag's topics, or those that they had in the recording that it was made of; None for all but
             the standard messages that we derived.
         definitions: Type to its definition, or the `.msg` file with it, for bags that do not have them.
-        on_unknown: What happens to a topic whose type nobody knows: "raise", or "skip" to leave it out with a warning.
-        on_damage: What happens if an MCAP file is cut or damaged: "raise", or "skip" to take what can be read, with a
-            warning. Other files are refused.
+        on_unknown: What happens to a topic with messages of a type that nobody knows: "keep" their bytes, with a
+            warning, "raise", or "skip" to leave it out with a warning.
+        on_damage: What happens if the bag is cut or damaged: "raise", or "skip" to take what can be read, with a
+            warning.
 
     Raises:
         DamagedFileError: The bag is damaged.
@@ -114,56 +122,106 @@ def record(
         OptionError: An option has a value that it cannot have.
     """
     for name, value, known in (
+        ("encoding", encoding, (None, "ros", "json")),
         ("time", time, ("log", "header")),
-        ("on_unknown", on_unknown, ("raise", "skip")),
+        ("on_unknown", on_unknown, ("keep", "raise", "skip")),
         ("on_damage", on_damage, ("raise", "skip")),
     ):
         if value not in known:
-            raise OptionError(f"{name}={value!r}: it must be {known[0]!r} or {known[1]!r}")
+            raise OptionError(f"{name}={value!r}: it must be one of {', '.join(map(repr, known))}")
+    if time == "header" and encoding == "ros":
+        raise OptionError(
+            "time='header' makes rows with other times than their messages have, encoding='ros' makes none"
+        )
     if isinstance(topics, str):
         raise UsageError(f"topics={topics!r}: pass a list of topics, such as topics=[{topics!r}]")
     wanted = None if topics is None else list(topics)
     texts = _texts(definitions)
     try:
-        _record(src, recorder, progress, time == "header", wanted, texts, on_unknown == "skip", on_damage == "skip")
+        bag = _open(src, on_damage == "skip")
+        try:
+            types = Types(texts, bag.distro, on_unknown)
+            _Conversion(src, bag, folder, prefix, types, encoding, time == "header", progress).run(wanted)
+        finally:
+            bag.close()
     except OSError as error:
         if isinstance(error, StorageError):
             raise
         raise StorageError(error.errno, f"cannot be read: {error.strerror}", str(error.filename or src)) from error
 
 
-def _record(
-    src: Path,
-    recorder: Recorder,
-    progress: Progress | None,
-    uses_header: bool,
-    wanted: Collection[str] | None,
-    definitions: Mapping[str, str],
-    skips_unknown: bool,
-    salvages: bool,
-) -> None:
-    bag = _open(src, salvages)
-    try:
-        intake = Intake(src, bag, recorder, uses_header, wanted, definitions, skips_unknown)
-        done = 0
-        for batch in bag.batches(intake.wanted):
-            intake.add(batch)
-            done += len(batch.times_ns)
-            if progress is not None:
-                progress(done, bag.count)
-        if progress is not None and done < bag.count:  # some were not wanted
-            progress(bag.count, bag.count)
-        for loss in bag.losses:
-            warnings.warn(f"{loss}; it is left out", ConversionWarning, stacklevel=3)
-    finally:
-        bag.close()
+class _Conversion:
+    """One bag on its way into a folder: some channels as they are, some as rows."""
+
+    def __init__(
+        self,
+        src: Path,
+        bag: Bag,
+        folder: Path,
+        prefix: str,
+        types: Types,
+        encoding: str | None,
+        uses_header: bool,
+        progress: Progress | None,
+    ) -> None:
+        self._src = src
+        self._bag = bag
+        self._folder = folder
+        self._prefix = prefix
+        self._types = types
+        self._encoding = encoding
+        self._uses_header = uses_header
+        self._progress = progress
+        self._done = 0
+
+    def run(self, wanted: Collection[str] | None) -> None:
+        """Copy or translate the messages of some topics."""
+        origins = Origins(self._bag)
+        keeps_all = self._encoding == "ros" and wanted is None
+        chosen = set(self._bag.channels) if keeps_all else origins.chosen(self._bag.channels, wanted)
+        if self._types.on_unknown == "skip":
+            chosen -= self._left_out(chosen)
+        if self._encoding == "json" or self._uses_header:
+            rows = chosen
+        else:
+            rows = set() if self._encoding == "ros" else chosen & origins.own.keys()
+        carrier = Carrier(self._src, self._bag, self._folder, self._types, chosen - rows)
+        with ExitStack() as stack:
+            intake = None
+            if rows or not chosen:
+                recorder = stack.enter_context(Recorder(self._folder, prefix=self._prefix))
+                ordered = [channel for channel in self._bag.channels if channel in rows]
+                intake = Intake(self._src, recorder, origins, self._types, ordered, self._uses_header)
+            for file in self._bag.files():
+                for count in carrier.copy(file):
+                    self._add(count)
+                if intake is not None and rows:
+                    for batch in batches(file, intake.wanted):
+                        intake.add(batch)
+                        self._add(len(batch.times_ns))
+                for loss in file.losses:
+                    warnings.warn(f"{loss}; it is left out", ConversionWarning, stacklevel=5)
+        if self._progress is not None and self._done < self._bag.count:  # some were not wanted
+            self._progress(self._bag.count, self._bag.count)
+
+    def _add(self, count: int) -> None:
+        self._done += count
+        if self._progress is not None:
+            self._progress(self._done, self._bag.count)
+
+    def _left_out(self, channels: Collection[Channel]) -> set[Channel]:
+        unknown = {channel for channel in channels if self._types.is_unknown(channel)}
+        for channel in sorted(unknown, key=lambda one: one.topic):
+            what = f"topic {channel.topic!r} of type {channel.type!r}: nobody knows what its messages are made of"
+            warnings.warn(f"{what}; it is left out", ConversionWarning, stacklevel=6)
+        return unknown
 
 
 def _open(path: Path, salvages: bool) -> Bag:
     if path.is_file() and detect(path) == "rosbag1":
         from .bag_ros1 import Ros1Bag
 
-        return Ros1Bag(path)
+        return Ros1Bag(path, salvages=salvages)
     return FolderBag(path, salvages=salvages)
 
 

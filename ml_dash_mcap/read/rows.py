@@ -105,6 +105,24 @@ def read(files: Sequence[File], topic: str, low: float = -math.inf, high: float 
         yield from rows
 
 
+def stamped(
+    files: Sequence[File], topic: str, low: float = -math.inf, high: float = math.inf
+) -> Iterator[tuple[list[Row], list[int]]]:
+    """Read the rows of a topic whose messages are never merged, with the log time of each.
+
+    The arguments are those of `read`.
+
+    Yields:
+        Some rows, and their log times, in ns.
+    """
+    decoders: dict[tuple[str, int], Decoder] = {}
+    for batch in messages.read(files, topic, *to_ns_range(low, high)):
+        pairs = zip(_decode(batch, decoders), batch.times_ns.tolist(), strict=True)
+        found = [(row, time) for row, time in pairs if row is not None and low <= row[TIME_KEY] <= high]
+        if found:
+            yield [row for row, _ in found], [time for _, time in found]
+
+
 def of_batch(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterable[Row]:
     """Return the rows of messages, among which are all of each time stamp.
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mcap.opcode import Opcode
-from mcap.records import ChunkIndex, MetadataIndex, Statistics, SummaryOffset
+from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics, SummaryOffset
 
 from ..layout import ABOUT_RECORD, ACTIVE_SUFFIX
 from . import records
@@ -27,8 +27,36 @@ class Contents:
     """Channel records by id."""
     chunks: list[ChunkIndex] = field(default_factory=list)
     metadata: list[MetadataIndex] = field(default_factory=list)
+    attachments: list[AttachmentIndex] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
     """Messages by channel id."""
+
+    def add_chunk(self, chunk: Chunk, at: int) -> int:
+        """Take in a chunk that starts at a place in the file; returns where its message indexes end."""
+        offsets, position = {}, at + chunk.length
+        for channel, index in chunk.indexes.items():
+            offsets[channel] = position
+            position += len(index)
+        self.chunks.append(
+            ChunkIndex(
+                chunk_length=chunk.length,
+                chunk_start_offset=at,
+                compression=chunk.compression,
+                compressed_size=len(chunk.data),
+                message_end_time=chunk.end_ns,
+                message_index_length=position - at - chunk.length,
+                message_index_offsets=offsets,
+                message_start_time=chunk.start_ns,
+                uncompressed_size=chunk.uncompressed_size,
+            )
+        )
+        for channel, count in chunk.counts.items():
+            self.counts[channel] = self.counts.get(channel, 0) + count
+        return position
+
+    def add_metadata(self, name: str, at: int, length: int) -> None:
+        """Take in a Metadata record that starts at a place in the file."""
+        self.metadata.append(MetadataIndex(offset=at, length=length, name=name))
 
     def summary(self, start: int) -> bytes:
         """Return everything from the summary section to the last byte of the file.
@@ -41,6 +69,7 @@ class Contents:
             (Opcode.CHANNEL, b"".join(self.channels.values())),
             (Opcode.STATISTICS, records.to_bytes(self._statistics())),
             (Opcode.CHUNK_INDEX, records.to_bytes(*self.chunks)),
+            (Opcode.ATTACHMENT_INDEX, records.to_bytes(*self.attachments)),
             (Opcode.METADATA_INDEX, records.to_bytes(*self.metadata)),
         ]
         summary, offsets = b"", b""
@@ -55,7 +84,7 @@ class Contents:
 
     def _statistics(self) -> Statistics:
         return Statistics(
-            attachment_count=0,
+            attachment_count=len(self.attachments),
             channel_count=len(self.channels),
             channel_message_counts={channel: count for channel, count in self.counts.items() if count},
             chunk_count=len(self.chunks),
@@ -165,7 +194,7 @@ class Segment:
         """Write a Metadata record."""
         at = self.size
         self._write(record)
-        self.contents.metadata.append(MetadataIndex(offset=at, length=len(record), name=name))
+        self.contents.add_metadata(name, at, len(record))
 
     def add_block(self, chunks: Sequence[Chunk], number: int) -> None:
         """Write a block's chunks with their message indexes, and what says that these are all, in one call."""
@@ -173,30 +202,7 @@ class Segment:
         pieces = [piece for chunk in chunks for piece in (chunk.head, chunk.data, *chunk.indexes.values())]
         self._write(*pieces, records.block_end(number))
         for chunk in chunks:
-            at = self._note_chunk(chunk, at)
-
-    def _note_chunk(self, chunk: Chunk, at: int) -> int:
-        """Take a chunk that starts at `at` into the summary; returns where its message indexes end."""
-        offsets, position = {}, at + chunk.length
-        for channel, index in chunk.indexes.items():
-            offsets[channel] = position
-            position += len(index)
-        self.contents.chunks.append(
-            ChunkIndex(
-                chunk_length=chunk.length,
-                chunk_start_offset=at,
-                compression=chunk.compression,
-                compressed_size=len(chunk.data),
-                message_end_time=chunk.end_ns,
-                message_index_length=position - at - chunk.length,
-                message_index_offsets=offsets,
-                message_start_time=chunk.start_ns,
-                uncompressed_size=chunk.uncompressed_size,
-            )
-        )
-        for channel, count in chunk.counts.items():
-            self.contents.counts[channel] = self.contents.counts.get(channel, 0) + count
-        return position
+            at = self.contents.add_chunk(chunk, at)
 
     def sync(self) -> None:
         """Wait until what was written would survive a power cut."""

@@ -27,9 +27,10 @@ from ml_dash_mcap.errors import (
     MissingRecordingError,
     NotFoundError,
     OptionError,
+    UndecodedWarning,
     UsageError,
 )
-from ml_dash_mcap.ingest.bag_ros1 import Ros1Bag
+from ml_dash_mcap.ingest.bag_ros1 import Ros1File
 from ml_dash_mcap.recording import Recording
 from tests.support import shared, system_python
 from tests.support.bags import export, record, robot_rows
@@ -334,9 +335,16 @@ def test_any_damage_to_a_ros_1_bag_is_no_other_error(
         whole[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
     (tmp_path / "x.bag").write_bytes(whole[: data.draw(st.integers(0, len(whole)) | st.just(len(whole)))])
     with contextlib.suppress(DamagedFileError):
-        bag = Ros1Bag(tmp_path / "x.bag")
-        with contextlib.closing(bag):
-            assert all(len(batch.times_ns) == len(batch.payloads) for batch in bag.batches(bag.channels))
+        read_blocks(tmp_path / "x.bag")
+    with contextlib.suppress(DamagedFileError):
+        read_blocks(tmp_path / "x.bag", salvages=True)
+
+
+def read_blocks(path: Path, **options: Any) -> None:
+    with contextlib.closing(Ros1File(path, **options)) as bag:
+        for block in bag.blocks(bag.channels):
+            columns = (block.channels, block.times_ns, block.published_ns, block.sequences, block.payloads)
+            assert {len(column) for column in columns} == {len(block)}
 
 
 def test_empty_files_are_no_bags(tmp_path: Path) -> None:
@@ -373,7 +381,12 @@ def test_a_type_that_nobody_knows_is_named_or_left_out(tmp_path: Path) -> None:
     base.execute("DELETE FROM message_definitions")
     base.commit()
     base.close()
-    refused(bag, tmp_path, EncodingError, r"topic '/odd' of type 'time_msgs/msg/Odd'.*definitions=")
+    with pytest.warns(ConversionWarning, match=r"topic '/odd' of type 'time_msgs/msg/Odd'.*definitions="):
+        convert(bag, tmp_path / "kept")
+    with Recording(tmp_path / "kept") as recording, pytest.warns(UndecodedWarning, match="/odd"):
+        assert [row["data"][:4] for row in recording["/odd"].rows()] == [bytes([0, 1, 0, 0])] * 3
+    unknown = r"topic '/odd' of type 'time_msgs/msg/Odd'.*definitions="
+    refused(bag, tmp_path, EncodingError, unknown, on_unknown="raise")
     with pytest.warns(ConversionWarning, match="/odd"):
         assert sorted(converted(bag, tmp_path / "skipped", on_unknown="skip")) == ["/point"]
     text = "uint8[] data\nfloat32[2] pair\nstring class\ntime_msgs/Inner[] inner\n===\nMSG: time_msgs/Inner\nint64 n\n"
@@ -387,7 +400,11 @@ def test_messages_that_are_not_of_their_type_are_named(tmp_path: Path) -> None:
     base.execute("UPDATE messages SET data = X'0001000000' WHERE id = 2")
     base.commit()
     base.close()
-    refused(bag, tmp_path, DamagedFileError, r"'/point' at 1000000000 ns is no geometry_msgs")
+    refused(bag, tmp_path, DamagedFileError, r"'/point' at 1000000000 ns is no geometry_msgs", encoding="json")
+    with Recording(convert(bag, tmp_path / "kept")) as recording:
+        assert len(list(recording["/odd"].rows())) == 3
+        with pytest.raises(DamagedFileError, match=r"topic '/point' at 1000000000 ns"):
+            list(recording["/point"].rows())
 
 
 @pytest.mark.parametrize(
@@ -436,7 +453,7 @@ def test_chunks_that_are_not_in_order(tmp_path: Path) -> None:
 def test_a_bag_of_humble_without_definitions_needs_those_of_its_own_types(tmp_path: Path) -> None:
     src = shared.file("rosbag2/a-humble-turtlesim-sqlite3")
     with pytest.raises(EncodingError, match="turtlesim/msg/Pose"):
-        convert(src, tmp_path / "run")
+        convert(src, tmp_path / "run", on_unknown="raise")
     text = "float32 x\nfloat32 y\nfloat32 theta\nfloat32 linear_velocity\nfloat32 angular_velocity\n"
     assert counts(src, tmp_path / "run", definitions={"turtlesim/msg/Pose": text}) == {
         "/turtle1/cmd_vel": 475,

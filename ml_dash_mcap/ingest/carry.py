@@ -1,0 +1,191 @@
+"""A bag as a recording, message by message as it was: bytes, times, types, definitions, topics without messages.
+
+Each file of the bag becomes an MCAP file, in ROS's own encoding, that ROS, Foxglove and every MCAP reader know. Chunks
+of MCAP files are copied as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import EncodingError
+from ..layout import BAG_RECORD, SEGMENT_SUFFIX
+from ..messages import Channel, MessageBlock
+from ..options import RecorderOptions
+from ..read import ahead, records, stored
+from ..read.fields import Fields
+from ..read.stored import StoredChunk
+from ..ros import information
+from ..write import records as written
+from ..write.chunk import Chunk, compressor
+from ..write.message_file import MOST_CHANNELS, MessageFile, pack
+from .bag_mcap import McapBag
+from .bag_messages import Bag, BagFile
+from .bag_sqlite import SqliteBag
+from .bag_types import Types
+
+_PIECE = 1 << 20
+
+
+class Carrier:
+    """Copies the files of a bag into a recording's folder."""
+
+    def __init__(self, src: Path, bag: Bag, folder: Path, types: Types, wanted: Collection[Channel]) -> None:
+        """Prepare to copy.
+
+        Args:
+            src: Of the bag, for the errors.
+            bag: What to copy.
+            folder: Of the recording.
+            types: What is known of the bag's types.
+            wanted: Which of the bag's channels to copy.
+        """
+        self._src = src
+        self._bag = bag
+        self._folder = folder
+        self._types = types
+        self._wanted = wanted
+        self._number = 0
+        self._warned: set[str] = set()
+
+    def copy(self, file: BagFile) -> Iterator[int]:
+        """Copy a file of the bag; yields how many messages were copied, some at a time.
+
+        Raises:
+            DamagedFileError: The file is damaged.
+            EncodingError: Nobody knows what a message of it is made of, and that was not to be.
+        """
+        numbers = [number for number, channel in file.channels.items() if channel in self._wanted]
+        if not numbers:
+            return
+        keeps_ids = isinstance(file, McapBag)
+        ids = {number: number if keeps_ids else at for at, number in enumerate(numbers, start=1)}
+        if len(ids) > MOST_CHANNELS:
+            raise EncodingError(f"{self._src}: it has {len(ids)} topics and connections; MCAP has {MOST_CHANNELS}")
+        self._number += 1
+        stem = file.name.removesuffix(Path(file.name).suffix) or "bag"
+        dest = MessageFile(self._folder / f"{stem}_{self._number:06d}{SEGMENT_SUFFIX}", self._profile(file))
+        try:
+            self._begin(dest, file, ids)
+            unknown = {number for number in numbers if self._types.is_unknown(file.channels[number])}
+            for chunk in self._chunks(file, ids):
+                self._name_unknown(file, unknown & self._sources(ids, chunk.counts))
+                dest.add_chunk(chunk)
+                yield sum(chunk.counts.values())
+            self._end(dest, file)
+            dest.finish()
+        finally:
+            dest.close()
+
+    def _profile(self, file: BagFile) -> str:
+        return (
+            file.file.index.header.profile if isinstance(file, McapBag) else self._bag.format.replace("rosbag", "ros")
+        )
+
+    def _begin(self, dest: MessageFile, file: BagFile, ids: Mapping[int, int]) -> None:
+        for number, channel_id in ids.items():
+            known = self._types.described(file.channels[number])
+            if isinstance(file, McapBag):  # its chunks may repeat schemas and channels, so these keep their ids
+                schema = file.file.index.schemas.get(file.file.index.channels[number].schema_id)
+                same = (known.type, known.schema_encoding, known.definition)
+                if schema is not None and same == (schema.name, schema.encoding, schema.data):
+                    dest.add_schema(schema.id, *same)
+            dest.add_channel(channel_id, known)
+
+    def _end(self, dest: MessageFile, file: BagFile) -> None:
+        """Copy what else is in the file, and say what bag it was."""
+        values = {"format": self._bag.format, "file": file.name}
+        names = set()
+        if isinstance(file, McapBag):
+            values["library"] = file.file.index.header.library
+            for record in file.file.metadata():
+                dest.add_metadata(record.name, record.values)
+                names.add(record.name)
+            for entry in file.file.index.attachments:
+                head = file.file.source.read(entry.offset, records.PREFIX_BYTES + 16)
+                index = {
+                    "log_time": entry.log_time_ns,
+                    "create_time": int.from_bytes(head[-8:], "little"),
+                    "data_size": entry.data_size,
+                    "name": entry.name,
+                    "media_type": entry.media_type,
+                }
+                dest.add_attachment(_bytes_of(file, entry.offset, entry.length), index)
+        text = self._bag.text
+        if information.RECORD not in names and self._bag.format == "rosbag2":
+            inside = file.information if isinstance(file, SqliteBag) else ""
+            said = {"ROS_DISTRO": self._bag.distro, "serialized_metadata": inside or text}
+            if any(said.values()):
+                dest.add_metadata(information.RECORD, said)
+        if text:
+            values["metadata.yaml"] = text
+        dest.add_metadata(BAG_RECORD, values)
+
+    def _chunks(self, file: BagFile, ids: Mapping[int, int]) -> Iterator[Chunk]:
+        if isinstance(file, McapBag) and not file.is_packed:
+            is_whole = set(ids) == set(file.channels)
+            found = stored.chunks(file.file, sorted(ids))
+            return ahead.in_order(lambda chunk: _copied(chunk, is_whole), found, weigh=lambda one: len(one.record))
+        table = np.zeros(max(ids) + 1, np.int64)
+        table[list(ids)] = list(ids.values())
+        blocks = (replace(block, channels=table[block.channels]) for block in file.blocks(ids.keys()))
+        return ahead.in_order(_packed, blocks, weigh=lambda block: 2 * block.size)
+
+    @staticmethod
+    def _sources(ids: Mapping[int, int], present: Collection[int]) -> set[int]:
+        return {number for number, channel_id in ids.items() if channel_id in present}
+
+    def _name_unknown(self, file: BagFile, numbers: set[int]) -> None:
+        for number in numbers:
+            channel = file.channels[number]
+            if channel.topic not in self._warned:
+                self._warned.add(channel.topic)
+                self._types.name_unknown(channel)
+
+
+def _bytes_of(file: McapBag, offset: int, length: int) -> Iterator[bytes]:
+    for at in range(offset, offset + length, _PIECE):
+        yield file.file.source.read(at, min(_PIECE, offset + length - at))
+
+
+def _packed(block: MessageBlock) -> Chunk:
+    return pack(block, compressor(RecorderOptions()))
+
+
+def _copied(found: StoredChunk, is_whole: bool) -> Chunk:
+    """Return a chunk as it was, or, where some of its messages stay behind or it says a wrong time, made anew."""
+    start_ns = min(int(one.times_ns.min()) for one in found.messages if len(one))
+    end_ns = max(int(one.times_ns.max()) for one in found.messages if len(one))
+    if is_whole and found.record:
+        fields = Fields(found.record, "", 0, records.PREFIX_BYTES)
+        head = records.chunk_head(fields)
+        begin = records.PREFIX_BYTES + head.records_at
+        if (start_ns, end_ns) == (head.start_ns, head.end_ns) and begin + head.records_length == len(found.record):
+            indexes, counts = _indexes(found)
+            return Chunk(
+                bytes(found.record[:begin]),
+                memoryview(found.record)[begin:],
+                head.compression,
+                head.uncompressed_size,
+                start_ns,
+                end_ns,
+                indexes,
+                counts,
+            )
+    return _packed(stored.block_of(found.messages))
+
+
+def _indexes(found: StoredChunk) -> tuple[dict[int, bytes], dict[int, int]]:
+    indexes, counts = {}, {}
+    for messages in found.messages:
+        if len(messages):
+            order = np.lexsort((messages.offsets, messages.times_ns))
+            entries = np.empty(len(messages), written.INDEX_ENTRY_DTYPE)
+            entries["time"], entries["offset"] = messages.times_ns[order], messages.offsets[order]
+            indexes[messages.channel_id] = written.message_index(messages.channel_id, entries)
+            counts[messages.channel_id] = len(messages)
+    return indexes, counts

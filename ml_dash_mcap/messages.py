@@ -1,0 +1,99 @@
+"""Messages as values: as bytes, of whatever encoding, on their way from one file to another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import chain
+
+import numpy as np
+import numpy.typing as npt
+
+Payload = bytes | memoryview
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """Messages of one type on one topic, or on one connection to it."""
+
+    topic: str
+    type: str = ""
+    """The schema's name, as its file has it, such as "sensor_msgs/msg/JointState"."""
+    schema_encoding: str = ""
+    """Of `definition`: "ros1msg", "ros2msg" or "ros2idl"; empty where nobody says what the type is made of."""
+    definition: bytes = field(default=b"", repr=False)
+    """What the type is made of, followed by the types in it."""
+    message_encoding: str = "cdr"
+    """"cdr" in ROS 2, "ros1" in ROS 1."""
+    metadata: tuple[tuple[str, str], ...] = ()
+    """What else is known of it, by name: `offered_qos_profiles` and `topic_type_hash` in ROS 2, `md5sum`, `callerid`
+    and `latching` in ROS 1. These are the names that rosbag2 and ROS 1 give them."""
+
+    @property
+    def text(self) -> str:
+        """The definition as text; comments may be in any encoding."""
+        return self.definition.decode("utf-8", "replace")
+
+    @property
+    def is_ros1(self) -> bool:
+        """Whether its messages are in ROS 1's serialization format."""
+        return self.message_encoding == "ros1"
+
+
+@dataclass(frozen=True, slots=True)
+class MessageBlock:
+    """Some messages, in the order in which their file has them."""
+
+    channels: npt.NDArray[np.int64]
+    """The number of each one's channel, [N]."""
+    times_ns: npt.NDArray[np.uint64]
+    """Log times, [N]."""
+    published_ns: npt.NDArray[np.uint64]
+    """Publish times, [N]."""
+    sequences: npt.NDArray[np.uint32]
+    """Sequence numbers, [N]."""
+    payloads: list[Payload]
+    """Their content, [N]."""
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.payloads)
+
+    @property
+    def size(self) -> int:
+        """Bytes of all payloads."""
+        return sum(map(len, self.payloads))
+
+    def pick(self, which: npt.NDArray[np.intp]) -> MessageBlock:
+        """Return some of them."""
+        return MessageBlock(
+            self.channels[which],
+            self.times_ns[which],
+            self.published_ns[which],
+            self.sequences[which],
+            [self.payloads[at] for at in which.tolist()],
+        )
+
+    def part(self, first: int, last: int) -> MessageBlock:
+        """Return those from one on and before another."""
+        which = slice(first, last)
+        return MessageBlock(
+            self.channels[which],
+            self.times_ns[which],
+            self.published_ns[which],
+            self.sequences[which],
+            self.payloads[which],
+        )
+
+    @staticmethod
+    def joined(blocks: Sequence[MessageBlock]) -> MessageBlock:
+        """Return blocks, one or more, one behind the other."""
+        if len(blocks) == 1:
+            return blocks[0]
+        return MessageBlock(
+            np.concatenate([one.channels for one in blocks]),
+            np.concatenate([one.times_ns for one in blocks]),
+            np.concatenate([one.published_ns for one in blocks]),
+            np.concatenate([one.sequences for one in blocks]),
+            list(chain.from_iterable(one.payloads for one in blocks)),
+        )

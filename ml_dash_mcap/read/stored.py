@@ -1,0 +1,136 @@
+"""A file's messages of all channels, in the order in which they are stored: for copies that decode nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ..messages import Channel, MessageBlock
+from . import ahead, plan
+from .chunk import MESSAGE_HEAD, Messages
+from .file import File
+from .plan import Located
+from .records import LOOSE, Chunk
+
+CHUNK_BYTES = 1 << 20
+"""Chunks have about as many bytes, uncompressed: what viewers like."""
+
+_MOST_BYTES = 4 << 20
+_MOST_MESSAGES = 16384
+"""Blocks end at about so much: what lies outside of chunks may be a whole file."""
+
+LAST_NS = 2**64 - 1
+
+
+class StoredChunk(NamedTuple):
+    """A chunk as it lies in its file, and the messages in it."""
+
+    chunk: Chunk
+    record: bytes
+    """The whole Chunk record; empty for messages that lie outside of chunks."""
+    messages: list[Messages]
+    """Those of each channel, by their offsets in the chunk's records."""
+
+
+def channels(file: File) -> dict[int, Channel]:
+    """Return a file's channels, by their ids."""
+    found = {}
+    for number, channel in sorted(file.index.channels.items()):
+        schema = file.index.schema_of(channel)
+        name, encoding, data = ("", "", b"") if schema is None else (schema.name, schema.encoding, schema.data)
+        metadata = tuple(channel.metadata.items())
+        found[number] = Channel(channel.topic, name, encoding, data, channel.message_encoding, metadata)
+    return found
+
+
+def chunks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int = LAST_NS) -> Iterator[StoredChunk]:
+    """Yield the chunks that hold messages of some channels and of a time range, in the order of the file.
+
+    Their bytes are verified. What is damaged raises, or is noted and left out where the file is to be salvaged.
+
+    Args:
+        file: Where from.
+        wanted: Ids of channels.
+        start_ns: First log time, in ns.
+        end_ns: Last log time, included, in ns.
+
+    Raises:
+        DamagedFileError: A chunk is damaged.
+    """
+    located = plan.chunks([file.index], [wanted], start_ns, end_ns)
+    in_file = sorted(located, key=lambda one: one.chunk.offset)
+
+    def cut(one: tuple[Located, bytes]) -> StoredChunk:
+        chunk, span = one[0].chunk, one[1]
+        present = [number for number in wanted if not chunk.indexed or number in chunk.message_index_offsets]
+        messages = file.cut(chunk, present, start_ns, end_ns, memoryview(span))
+        return StoredChunk(chunk, b"" if chunk.compression == LOOSE else span[: chunk.length], messages)
+
+    def spans() -> Iterator[tuple[Located, bytes]]:
+        for span in plan.coalesce(in_file):
+            data = file.read_span(span.offset, span.length)
+            for one in span.chunks:
+                start = one.chunk.offset - span.offset
+                yield one, data[start : one.end - span.offset]
+
+    for found in ahead.in_order(cut, spans(), weigh=lambda one: one[0].chunk.uncompressed_size):
+        if any(map(len, found.messages)):
+            yield found
+
+
+def blocks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int = LAST_NS) -> Iterator[MessageBlock]:
+    """Yield the messages of some channels and of a time range, in the order of the file.
+
+    The arguments and errors are those of `chunks`.
+    """
+    for chunk in chunks(file, wanted, start_ns, end_ns):
+        yield from in_pieces(block_of(chunk.messages))
+
+
+def block_of(parts: list[Messages]) -> MessageBlock:
+    """Return the messages of some channels of one chunk in the order in which they lie there."""
+    numbers = np.repeat([one.channel_id for one in parts], [len(one) for one in parts]).astype(np.int64)
+    offsets = np.concatenate([one.offsets for one in parts])
+    order = np.argsort(offsets, kind="stable")
+    data = memoryview(parts[0].data)
+    starts = (offsets[order] + MESSAGE_HEAD.itemsize).tolist()
+    ends = np.concatenate([one.ends for one in parts])[order].tolist()
+    return MessageBlock(
+        numbers[order],
+        np.concatenate([one.times_ns for one in parts])[order],
+        np.concatenate([one.published_ns for one in parts])[order],
+        np.concatenate([one.sequences for one in parts])[order],
+        [data[start:end] for start, end in zip(starts, ends, strict=True)],
+    )
+
+
+def in_pieces(block: MessageBlock) -> Iterator[MessageBlock]:
+    """Cut a long block into some of a size that chunks may have."""
+    if len(block) <= _MOST_MESSAGES and block.size <= _MOST_BYTES:
+        if len(block):
+            yield block
+        return
+    ends = np.cumsum([len(payload) for payload in block.payloads])
+    first = 0
+    while first < len(block):
+        room = int(ends[first - 1]) if first else 0
+        last = int(np.searchsorted(ends, room + _MOST_BYTES, "right"))
+        last = min(max(last, first + 1), first + _MOST_MESSAGES)
+        yield block.part(first, last)
+        first = last
+
+
+def joined(found: Iterator[MessageBlock], size: int) -> Iterator[MessageBlock]:
+    """Join short blocks until they have about as many bytes as a chunk."""
+    waiting: list[MessageBlock] = []
+    held = 0
+    for block in found:
+        waiting.append(block)
+        held += block.size
+        if held >= size or sum(len(one) for one in waiting) >= _MOST_MESSAGES:
+            yield MessageBlock.joined(waiting)
+            waiting, held = [], 0
+    if waiting:
+        yield MessageBlock.joined(waiting)
