@@ -161,35 +161,34 @@ class Intake:
 
     def _foreign(self, channel: Channel) -> Callable[[Batch], None]:
         """Return what takes messages of others, each a row of its own."""
-        decode_one: Callable[[bytes], Row] | None = None
+        decode_one: decode.Decoder | None = None
         topic = self._recorder._open(channel.topic, MESSAGE, MessageTopic)
 
         def add(batch: Batch) -> None:
             nonlocal decode_one
             if decode_one is None:
                 decode_one = self._decoder(channel)
-            rows = []
-            times_ns = list(batch.times_ns)
-            for at, (time_ns, payload) in enumerate(zip(batch.times_ns, batch.payloads, strict=True)):
+            rows, times_ns = [], []
+            for time_ns, payload in zip(batch.times_ns, batch.payloads, strict=True):
                 try:
                     row = decode_one(payload)
                 except ValueError as error:
                     what = f"the message of topic {channel.topic!r} at {time_ns} ns is no {channel.type}"
                     raise DamagedFileError(self._src, 0, f"{what}: {error}") from error
-                times_ns[at] = (_stamp(row) if self._uses_header else 0) or time_ns
-                rows.append(row)
+                if row is not None:
+                    times_ns.append((_stamp(row) if self._uses_header else 0) or time_ns)
+                    rows.append(row)
             topic.append_at(rows, times_ns)
 
         return add
 
-    def _decoder(self, channel: Channel) -> Callable[[bytes], Row]:
+    def _decoder(self, channel: Channel) -> decode.Decoder:
         known = self._types.described(channel)
         if self._types.is_unknown(channel):
             self._types.name_unknown(channel)
-            return lambda payload: {decode.RAW_FIELD: payload}
         schema = Schema(1, known.type, known.schema_encoding, known.definition)
         record = McapChannel(1, 1, channel.topic, channel.message_encoding, dict(channel.metadata))
-        return decode.decoder(record, schema if known.type or known.definition else None)
+        return decode.decoder(record, schema, self._types.decoding, lambda: self._types.likely)
 
 
 def _metadata(custom: Mapping[str, str]) -> dict[str, Any]:

@@ -50,6 +50,8 @@ class Bag(Protocol):
     """"rosbag1" or "rosbag2"."""
     distro: str
     """Name of the ROS distribution that recorded it; empty if nobody says."""
+    version: int
+    """Of its metadata; 0 if it has none."""
     text: str
     """Of the whole `metadata.yaml`; empty if there is none."""
     custom: Mapping[str, str]

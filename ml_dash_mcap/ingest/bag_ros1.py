@@ -43,6 +43,7 @@ class Ros1Bag:
 
     format = "rosbag1"
     distro = ""
+    version = 0
     text = ""
     custom: Mapping[str, str] = {}
     """Such bags have no place for it."""

@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
+import re
 import warnings
-from collections.abc import Mapping
 from dataclasses import replace
 
 from ..errors import ConversionWarning, EncodingError
 from ..messages import Channel
+from ..read.decode import DIGEST_KEYS
+from ..read.decoding import Decoding
+from ..ros.distros import Likely
+from ..ros.message_types import canonical
+from ..ros.supply import is_idl
+
+_SECTION = re.compile(r"^(?:MSG|IDL): *(\S+)", re.MULTILINE)
 
 
 class Types:
     """The definitions of a bag's types."""
 
-    def __init__(self, given: Mapping[str, str], distro: str, on_unknown: str) -> None:
+    def __init__(self, decoding: Decoding, likely: Likely) -> None:
         """Begin.
 
         Args:
-            given: Definitions of the caller, by `package/Name`.
-            distro: The distribution that recorded the bag; empty if nobody says.
-            on_unknown: What happens where nobody knows a type: "keep", "raise" or "skip".
+            decoding: What the caller says of types, and what happens where nobody knows one.
+            likely: The distributions of ROS 2 that may have recorded the bag.
         """
-        self._given = given
-        self._distro = distro
-        self.on_unknown = on_unknown
+        self.decoding = decoding
+        self.likely = likely
+        self._given = dict(decoding.definitions)
         self._known: dict[Channel, Channel] = {}
 
     def described(self, channel: Channel) -> Channel:
@@ -48,8 +54,8 @@ class Types:
             " message"
         )
         how = f"pass definitions={{{channel.type!r}: <its .msg text>}}"
-        if self.on_unknown == "raise":
-            raise EncodingError(f"{what}; {how}, or on_unknown='skip' to leave it out, or 'keep' to keep its bytes")
+        if self.decoding.on_unknown == "raise":
+            raise EncodingError(f"{what}; {how}, or on_unknown='skip' to leave it out, or 'bytes' to keep its bytes")
         warnings.warn(f"{what}; its messages are kept as bytes; {how}", ConversionWarning, stacklevel=2)
 
     def _described(self, channel: Channel) -> Channel:
@@ -58,19 +64,38 @@ class Types:
         encoding = "ros1msg" if channel.is_ros1 else "ros2msg"
         given = self._given.get(canonical(channel.type))
         if given is not None:
-            return replace(channel, schema_encoding=encoding, definition=given.encode())
+            encoding = "ros2idl" if is_idl(given) else encoding
+            return replace(channel, schema_encoding=encoding, definition=self._completed(channel, given).encode())
         if channel.definition:
-            return channel
+            return (
+                replace(channel, definition=self._completed(channel, channel.text).encode()) if self._given else channel
+            )
         from ..ros import stores  # which loads rosbags
 
+        digest = dict(channel.metadata).get(DIGEST_KEYS[channel.is_ros1], "")
         try:
-            text = stores.known(channel.type)
+            found = stores.find(channel.type, self.likely, is_ros1=channel.is_ros1, digest=digest)
         except EncodingError:
             return channel  # an encoding without a text says that the type has no fields
-        return replace(channel, schema_encoding=encoding, definition=text.encode())
+        if found.others:
+            warnings.warn(
+                f"topic {channel.topic!r}: {channel.type} is taken for that of {found.distro}; that of"
+                f" {', '.join(found.others)} has other fields, and the bag does not say which it is; pass"
+                f" definitions={{{channel.type!r}: <its .msg text>}} to say it",
+                ConversionWarning,
+                stacklevel=2,
+            )
+        return replace(channel, schema_encoding=encoding, definition=found.text.encode())
 
-
-def canonical(name: str) -> str:
-    """Return a type's name as `package/Name`, whether `msg` stood in between or not."""
-    parts = name.split("/")
-    return f"{parts[0]}/{parts[-1]}"
+    def _completed(self, channel: Channel, text: str) -> str:
+        """Return a definition with those of the caller's types that it uses and does not have."""
+        if is_idl(text):
+            return text
+        defined = {canonical(channel.type), *map(canonical, _SECTION.findall(text))}
+        waiting = [name for name in self._given if name not in defined]
+        for name in [*waiting, *waiting]:  # one may use another
+            package, _, last = name.partition("/")
+            if name not in defined and re.search(rf"^\s*({package}/(msg/)?)?{last}\b", text, re.MULTILINE):
+                defined.add(name)
+                text = f"{text.rstrip()}\n{'=' * 80}\nMSG: {name}\n{self._given[name]}"
+        return text

@@ -9,13 +9,14 @@ from pathlib import Path
 
 from ..errors import ConversionWarning, OptionError, StorageError, UsageError
 from ..messages import Channel
+from ..read.decoding import decoding
 from ..recorder import Recorder
-from ..ros import information, msg
+from ..ros import distros, information, msg
 from . import bag_folder, bag_mcap
 from .bag_folder import FolderBag
 from .bag_intake import Intake, Origins
 from .bag_messages import Bag, batches
-from .bag_types import Types, canonical
+from .bag_types import Types
 from .carry import Carrier
 
 Progress = Callable[[int, int], object]
@@ -88,7 +89,7 @@ def carry(
     time: str = "log",
     topics: Iterable[str] | None = None,
     definitions: Mapping[str, str | Path] | None = None,
-    on_unknown: str = "keep",
+    on_unknown: str = "bytes",
     on_damage: str = "raise",
 ) -> None:
     """Make a recording of a bag.
@@ -108,8 +109,8 @@ def carry(
         topics: Names of the bag's topics, or those that they had in the recording that it was made of; None for all but
             the standard messages that we derived.
         definitions: Type to its definition, or the `.msg` file with it, for bags that do not have them.
-        on_unknown: What happens to a topic with messages of a type that nobody knows: "keep" their bytes, with a
-            warning, "raise", or "skip" to leave it out with a warning.
+        on_unknown: What happens to a topic with messages of a type that nobody knows: "bytes" keeps their bytes, with a
+            warning, "skip" leaves it out with a warning, "raise" is an error.
         on_damage: What happens if the bag is cut or damaged: "raise", or "skip" to take what can be read, with a
             warning.
 
@@ -124,7 +125,6 @@ def carry(
     for name, value, known in (
         ("encoding", encoding, (None, "ros", "json")),
         ("time", time, ("log", "header")),
-        ("on_unknown", on_unknown, ("keep", "raise", "skip")),
         ("on_damage", on_damage, ("raise", "skip")),
     ):
         if value not in known:
@@ -136,11 +136,11 @@ def carry(
     if isinstance(topics, str):
         raise UsageError(f"topics={topics!r}: pass a list of topics, such as topics=[{topics!r}]")
     wanted = None if topics is None else list(topics)
-    texts = _texts(definitions)
+    how = decoding(definitions, on_unknown)
     try:
         bag = _open(src, on_damage == "skip")
         try:
-            types = Types(texts, bag.distro, on_unknown)
+            types = Types(how, distros.likely(bag.distro, bag.version))
             _Conversion(src, bag, folder, prefix, types, encoding, time == "header", progress).run(wanted)
         finally:
             bag.close()
@@ -179,7 +179,7 @@ class _Conversion:
         origins = Origins(self._bag)
         keeps_all = self._encoding == "ros" and wanted is None
         chosen = set(self._bag.channels) if keeps_all else origins.chosen(self._bag.channels, wanted)
-        if self._types.on_unknown == "skip":
+        if self._types.decoding.on_unknown == "skip":
             chosen -= self._left_out(chosen)
         if self._encoding == "json" or self._uses_header:
             rows = chosen
@@ -223,17 +223,3 @@ def _open(path: Path, salvages: bool) -> Bag:
 
         return Ros1Bag(path, salvages=salvages)
     return FolderBag(path, salvages=salvages)
-
-
-def _texts(definitions: Mapping[str, str | Path] | None) -> dict[str, str]:
-    if definitions is not None and not isinstance(definitions, Mapping):
-        raise OptionError(f"definitions={definitions!r}: pass a dict of types and their definitions")
-    found = {}
-    for name, text in (definitions or {}).items():
-        if not isinstance(name, str) or not isinstance(text, (str, Path)):
-            raise OptionError(f"definitions of {name!r}: pass its text, or the Path of its .msg file, not {text!r}")
-        try:
-            found[canonical(name)] = text.read_text(encoding="utf-8") if isinstance(text, Path) else text
-        except (OSError, UnicodeDecodeError) as error:
-            raise OptionError(f"definitions of {name!r}: {text} cannot be read: {error}") from error
-    return found

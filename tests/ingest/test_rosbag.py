@@ -400,11 +400,14 @@ def test_messages_that_are_not_of_their_type_are_named(tmp_path: Path) -> None:
     base.execute("UPDATE messages SET data = X'0001000000' WHERE id = 2")
     base.commit()
     base.close()
-    refused(bag, tmp_path, DamagedFileError, r"'/point' at 1000000000 ns is no geometry_msgs", encoding="json")
-    with Recording(convert(bag, tmp_path / "kept")) as recording:
-        assert len(list(recording["/odd"].rows())) == 3
-        with pytest.raises(DamagedFileError, match=r"topic '/point' at 1000000000 ns"):
-            list(recording["/point"].rows())
+    what = r"topic '/point' has a message of 5 bytes that is no geometry_msgs/msg/PointStamped"
+    for options in ({}, {"encoding": "json"}):
+        with pytest.warns(UndecodedWarning, match=what):
+            rows = converted(bag, tmp_path / f"run{len(options)}", **options)
+        assert [len(rows["/odd"]), len(rows["/point"])] == [3, 3]
+        assert rows["/point"][0] == {"data": b"\0\1\0\0\0", "_ts": 1.0}
+    match = r"'/point' at 1000000000 ns is no geometry_msgs"
+    refused(bag, tmp_path, DamagedFileError, match, encoding="json", on_unknown="raise")
 
 
 @pytest.mark.parametrize(
