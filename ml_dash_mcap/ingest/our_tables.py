@@ -1,6 +1,7 @@
 """Tables that this library wrote, as the rows that they were: what `export.parquet_layout` does, undone.
 
-Null is a field that a row does not have; where a column has no value at all, every row had None there.
+Null is a field that a row does not have; where a column has no value at all, every row had None there. Messages and
+tables of others have all of their fields in each row: null is None there.
 """
 
 from __future__ import annotations
@@ -51,7 +52,8 @@ class OurTable:
         self._vectors = self._grouped() if about.get("flatten") else {}
         grouped = {name for names, _ in self._vectors.values() for name in names}
         self._single = [name for name in self._fields if name not in grouped]
-        self._makes = {name: _maker(field) for name, field in self._fields.items()}
+        self._nothing = None if about.get("kind") == MESSAGE else ABSENT
+        self._makes = {name: _maker(field, self._nothing) for name, field in self._fields.items()}
 
     def open(self, recorder: Recorder, name: str) -> Topic:
         """Open its topic, with what was said of it."""
@@ -103,6 +105,9 @@ class OurTable:
         """Return nested dicts of numpy arrays, masked where a row lacks a field; None if not all are numbers."""
         tree: dict[str, Any] = {}
         for name, column in columns.items():
+            is_nested = pa.types.is_struct(column.type)
+            if self._nothing is None and (column.null_count or is_nested):  # a mask says that a row lacks the field
+                return None
             array = _array(self._fields[name], column)
             if array is None or not put(tree, self._paths[name], array):
                 return None
@@ -112,7 +117,7 @@ class OurTable:
         """Return the elements of a vector or a matrix in its shape; `ABSENT` if none is there."""
         flat = [None if one is ABSENT else one for one in elements]
         if all(one is None for one in flat):
-            return ABSENT
+            return self._nothing
         found = _reshaped(flat, shape)
         return _trimmed(found) if self._about.get("ragged") else found
 
@@ -177,28 +182,33 @@ def put(row: dict[str, Any], path: tuple[str, ...], value: Any) -> bool:
     return True
 
 
-def _maker(field: pa.Field) -> Make:
-    """Return what makes a row's value of a column's; of null, `ABSENT`, or None if there never is one."""
+def _maker(field: pa.Field, nothing: Any) -> Make:
+    """Return what makes a row's value of a column's.
+
+    Args:
+        field: The column.
+        nothing: What null is, `ABSENT` or None; it is None where the column's type has no other value.
+    """
     said, type_ = field.metadata or {}, field.type
     if said.get(ENCODING_KEY) == b"json":
-        return lambda value: ABSENT if value is None else from_text(value)
+        return lambda value: nothing if value is None else from_text(value)
     if pa.types.is_null(type_):
         return lambda value: None
     shape = _shape(said)
     if len(shape) > 1:
-        return lambda value: ABSENT if value is None else _reshaped(value, shape)
+        return lambda value: nothing if value is None else _reshaped(value, shape)
     if pa.types.is_struct(type_):
-        return _struct_maker(type_)
-    return lambda value: ABSENT if value is None else value
+        return _struct_maker(type_, nothing)
+    return lambda value: nothing if value is None else value
 
 
-def _struct_maker(type_: pa.DataType) -> Make:
-    makes = {type_.field(at).name: _maker(type_.field(at)) for at in range(type_.num_fields)}
+def _struct_maker(type_: pa.DataType, nothing: Any) -> Make:
+    makes = {type_.field(at).name: _maker(type_.field(at), nothing) for at in range(type_.num_fields)}
     has_values = _has_values(type_)
 
     def make(value: Any) -> Any:
         if value is None and has_values:
-            return ABSENT
+            return nothing
         made = {key: one((value or {}).get(key)) for key, one in makes.items()}
         return {key: inner for key, inner in made.items() if inner is not ABSENT}
 
