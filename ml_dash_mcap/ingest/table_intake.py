@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ import pyarrow as pa
 from ..errors import ConversionWarning, ForeignFileError
 from ..layout import MESSAGE
 from ..recorder import Recorder
+from ..ros.units import UNITS
 from ..rows import arrays
 from ..rows.columns import FIELD_PREFIX, free_names
 from ..rows.encode import EXACT_KEY, TIME_KEY
@@ -24,6 +26,14 @@ from ..topic import Topic
 from . import Progress, arrow_values, table_times
 from .headers import check_on_bad
 from .our_tables import OurTable
+
+_IN_BRACKETS = re.compile(r"[(\[]\s*([^()\[\]]+?)\s*[)\]]\s*$")
+_KNOWN_UNITS = {
+    *(unit for units in UNITS.values() for unit in units),
+    *table_times.UNITS,
+    *("V", "mV", "A", "mA", "W", "J", "Hz", "kHz", "Pa", "hPa", "kPa", "bar", "kg", "N/m", "%", "px"),
+}
+"""Units that are taken for such where they stand in brackets; other words there may mean anything."""
 
 UNIT_KEYS = (b"ml_dash.unit", b"unit", b"units")
 """What a column's metadata may call its unit."""
@@ -238,7 +248,7 @@ def _field_names(names: list[str]) -> list[str]:
 
 
 def _units(schema: pa.Schema) -> dict[str, str]:
-    """Return the units that a table's columns say in their metadata, and those of durations, by dotted name."""
+    """Return the units that columns say in their metadata, or in brackets behind their names, by dotted name."""
     found: dict[str, str] = {}
 
     def look(field: pa.Field, name: str) -> None:
@@ -247,6 +257,8 @@ def _units(schema: pa.Schema) -> dict[str, str]:
             found[name] = said.decode("utf-8", "replace")
         elif pa.types.is_duration(field.type):
             found[name] = field.type.unit
+        elif (behind := _IN_BRACKETS.search(name)) and behind[1] in _KNOWN_UNITS:
+            found[name] = behind[1]
         if pa.types.is_struct(field.type):
             for at in range(field.type.num_fields):
                 look(field.type.field(at), f"{name}.{field.type.field(at).name}")

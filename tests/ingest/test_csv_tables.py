@@ -104,6 +104,13 @@ def test_separators_line_ends_and_marks_are_told(tmp_path: Path, separator: str,
         ]
 
 
+def test_units_in_brackets_are_the_topics(tmp_path: Path) -> None:
+    path = written(tmp_path, "Time (s),force [N],angle (deg),side (left),x\n0.5,1,2,3,4\n")
+    with Recording(path) as recording:
+        assert recording.topics["table"].metadata["units"] == {"force [N]": "N", "angle (deg)": "deg"}
+        assert list(recording.topics["table"].fields) == ["force [N]", "angle (deg)", "side (left)", "x"]
+
+
 def test_lines_without_text_say_nothing_at_any_place(tmp_path: Path) -> None:
     text = "\n,,\n  \t \ntime,n,\n\n0.5,1,\n , ,\n\n,,\n1.5,2,\n,\n"
     assert fields(tmp_path, text) == [{"n": 1, "_ts": 0.5}, {"n": 2, "_ts": 1.5}]

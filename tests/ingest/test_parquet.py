@@ -278,6 +278,7 @@ def test_a_lerobot_file_reads_as_it_is(tmp_path: Path) -> None:
     )
     with Recording(written(tmp_path, table, "file-000.parquet")) as recording:
         found = recording["file-000"].to_arrow()
+        assert "the clock steps back by 0.966667 s" in str(recording.check())
     assert found.schema.field("observation.state").type == pa.list_(pa.float64(), 6)
     order = np.argsort(found["index"].to_numpy())
     assert found["_ts"].to_numpy()[order].tolist() == table["timestamp"].to_pylist()
