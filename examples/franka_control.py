@@ -12,11 +12,13 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import sys
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import mujoco
@@ -32,6 +34,8 @@ CONTROL_HZ = 1000
 CONTACT_EVERY = 10  # ticks: 100 Hz
 CAMERA_EVERY = 100  # ticks: 10 Hz
 IMAGE_WIDTH, IMAGE_HEIGHT = 64, 48
+INTERRUPTED_US = 100.0  # in a tick that takes so much longer than its own work something else ran
+SWITCH_S = 0.0001  # how long the camera's Python may hold up the loop's at a time; Python's own default is 5 ms
 
 ARM = slice(0, 7)  # joints of the arm in qpos, qvel and ctrl
 FINGERS = slice(7, 9)
@@ -338,7 +342,9 @@ class Timing:
     """What a run of the loop cost."""
 
     append_us: Array
-    """Time inside `append` in each tick, [ticks], us."""
+    """Time inside `append` in each tick, [ticks], us: the loop's own, by its thread's clock."""
+    elapsed_us: Array
+    """The same by the wall clock, [ticks], us: with what other threads and programs took meanwhile."""
     late_us: Array
     """How long after its time each tick began, [ticks], us; zeros unless the loop was paced."""
     wall_s: float
@@ -351,6 +357,7 @@ def control_loop(exp: Experiment, model: Any, data: Any, phases: list[Phase], *,
     grasp_m = grasp_position(data)
     cycle_steps = round(phases[-1].end_s * CONTROL_HZ)
     append_ns = np.zeros(steps)
+    elapsed_ns = np.zeros(steps)
     late_ns = np.zeros(steps)
     touching = False
     last_name = ""
@@ -371,10 +378,11 @@ def control_loop(exp: Experiment, model: Any, data: Any, phases: list[Phase], *,
             data.ctrl[FINGERS] = target.opening_m / 2
             state = robot_state(data, tau, gripper)
 
-            append_began_ns = time.perf_counter_ns()
+            began, own_began = time.perf_counter_ns(), time.thread_time_ns()
             exp.tracks("robot").append(**state, _ts=ts)
             exp.tracks("action").append(target_q=target.q, target_gripper=target.opening_m, _ts=ts)
-            append_ns[step] = time.perf_counter_ns() - append_began_ns
+            append_ns[step] = time.thread_time_ns() - own_began
+            elapsed_ns[step] = time.perf_counter_ns() - began
 
             if phase.name != last_name:
                 exp.log(f"phase {phase.name}", sim_time_s=ts)
@@ -388,12 +396,21 @@ def control_loop(exp: Experiment, model: Any, data: Any, phases: list[Phase], *,
             if step % CONTACT_EVERY == 0:
                 contact = finger_contacts(model, data)
                 if contact["in_contact"] or touching:  # one more row when the fingers let go
-                    append_began_ns = time.perf_counter_ns()
+                    began, own_began = time.perf_counter_ns(), time.thread_time_ns()
                     exp.tracks("contact").append(**contact, _ts=ts)
-                    append_ns[step] += time.perf_counter_ns() - append_began_ns
+                    append_ns[step] += time.thread_time_ns() - own_began
+                    elapsed_ns[step] += time.perf_counter_ns() - began
                 touching = contact["in_contact"]
         wall_s = (time.perf_counter_ns() - began_ns) / 1e9
-    return Timing(append_us=append_ns / 1e3, late_us=late_ns / 1e3, wall_s=wall_s)
+    return Timing(append_us=append_ns / 1e3, elapsed_us=elapsed_ns / 1e3, late_us=late_ns / 1e3, wall_s=wall_s)
+
+
+def warm_up(model: Any, data: Any, phases: list[Phase]) -> None:
+    """Run the loop for a second and forget it: imports and first calls take milliseconds, which a robot at rest has."""
+    rehearsal = mujoco.MjData(model)
+    mujoco.mj_copyData(rehearsal, model, data)
+    with TemporaryDirectory() as scratch, Experiment(prefix="warm/up", root=scratch).run as exp:
+        control_loop(exp, model, rehearsal, phases, steps=CONTROL_HZ, realtime=False)
 
 
 def wait_until(deadline_ns: int) -> int:
@@ -434,9 +451,17 @@ def print_timing(timing: Timing, *, realtime: bool) -> None:
     """Print what logging cost the loop, and how well a paced loop kept its time."""
     ticks = len(timing.append_us)
     p50, p999 = np.percentile(timing.append_us, [50, 99.9])
+    held_up = timing.elapsed_us[timing.elapsed_us - timing.append_us > INTERRUPTED_US]
     print(f"\nThe loop: {ticks} ticks in {timing.wall_s:.2f} s ({timing.wall_s / ticks * 1e6:.0f} us a tick)")
     print(f"  inside append, a tick: median {p50:.1f} us, p99.9 {p999:.1f} us, max {timing.append_us.max():.1f} us")
-    print("  (two or three rows a tick; what the camera's thread takes from the loop meanwhile is counted too)")
+    print("  (the loop's own time, for two or three rows a tick; a second of warming up is not in it)")
+    if len(held_up):
+        print(
+            f"  in {len(held_up)} ticks the camera's thread or another program had the processor meanwhile, as it has"
+        )
+        print(
+            f"  between any two lines: {np.median(held_up) / 1e3:.1f} ms as a rule, {held_up.max() / 1e3:.1f} ms at most"
+        )
     if realtime:
         late, median_us = int((timing.late_us > 1000.0).sum()), np.median(timing.late_us)
         print(f"  paced at {CONTROL_HZ} Hz: median {median_us:.0f} us late, {late} ticks late by over 1 ms")
@@ -560,6 +585,8 @@ def main() -> None:
     if any(folder.glob("*.mcap")):
         print(f"{folder} holds a recording already: this run adds to it, and replaces rows of the same time")
 
+    sys.setswitchinterval(SWITCH_S)
+    warm_up(model, data, phases)
     with Experiment(prefix=arguments.prefix, root=arguments.root).run as exp:
         exp.params.set(
             robot="franka_panda",

@@ -172,7 +172,10 @@ def test_an_example_is_short_enough_to_be_read(name: str) -> None:
 def test_the_demo_records_the_arm_and_plots_what_it_read_back(tmp_path: Path) -> None:
     if importlib.util.find_spec("mujoco") is None:
         pytest.skip("mujoco is not installed")
-    run(EXAMPLES / "franka_control.py", "--seconds", "1", "--root", tmp_path / "recordings", cwd=tmp_path)
+    said = run(EXAMPLES / "franka_control.py", "--seconds", "1", "--root", tmp_path / "recordings", cwd=tmp_path)
+    median, rare, most = map(float, re.findall(r"([\d.]+) us", said.split("inside append, a tick:")[1])[:3])
+    assert median <= rare <= most < 10_000, "the loop's own time: what others take from it is told apart"
+    assert "a second of warming up is not in it" in said
     folder = tmp_path / "recordings/demo/franka/reach-and-grasp"
     with Recording(folder) as recording:
         assert {name: info.count for name, info in recording.topics.items()} == {
