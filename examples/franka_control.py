@@ -456,12 +456,9 @@ def print_timing(timing: Timing, *, realtime: bool) -> None:
     print(f"  inside append, a tick: median {p50:.1f} us, p99.9 {p999:.1f} us, max {timing.append_us.max():.1f} us")
     print("  (the loop's own time, for two or three rows a tick; a second of warming up is not in it)")
     if len(held_up):
-        print(
-            f"  in {len(held_up)} ticks the camera's thread or another program had the processor meanwhile, as it has"
-        )
-        print(
-            f"  between any two lines: {np.median(held_up) / 1e3:.1f} ms as a rule, {held_up.max() / 1e3:.1f} ms at most"
-        )
+        usual_ms, most_ms = np.median(held_up) / 1e3, held_up.max() / 1e3
+        print(f"  in {len(held_up)} ticks the camera's thread or another program had the processor meanwhile:")
+        print(f"  {usual_ms:.1f} ms as a rule, {most_ms:.1f} ms at most, as between any two lines of the loop")
     if realtime:
         late, median_us = int((timing.late_us > 1000.0).sum()), np.median(timing.late_us)
         print(f"  paced at {CONTROL_HZ} Hz: median {median_us:.0f} us late, {late} ticks late by over 1 ms")
