@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import errno
+import inspect
+from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from . import ingest
-from .errors import MissingRecordingError
-from .export import SUFFIXES, format_of
+from .errors import MissingRecordingError, UsageError
+from .export import SUFFIXES, format_of, options_of
 from .export.destination import fresh_folder, replacing
 from .export.replacing import RECORDING, check_overwrite, keeper
 from .ingest import Progress
 from .recording import Recording
+from .suggestions import did_you_mean
 
 
 def convert(
@@ -36,7 +39,8 @@ def convert(
         overwrite: Whether to replace a file, or a folder of the same kind, that is at `dest` already. It stays until
             the new one is whole.
         progress: Called now and then with the rows done and the rows in all.
-        options: Of the format that is read, or else of the one that is written.
+        options: Of the format that is read, and of the one that is written. From one foreign format to another, those
+            that writing has go to it, and the others to reading.
 
     Returns:
         `dest`.
@@ -61,8 +65,27 @@ def convert(
     if not Path(src).exists():
         raise MissingRecordingError(errno.ENOENT, "there is nothing", str(src))
     chosen = format if format is not None else format_of(place)
-    with Recording(src) as recording:
-        return recording.export(place, format=chosen, overwrite=overwrite, progress=progress, **options)
+    reads = _options_of_reading(src, chosen, options)
+    writes = {name: value for name, value in options.items() if name not in reads}
+    with ingest.as_folder(src, **reads) if reads else nullcontext(src) as opened, Recording(opened) as recording:
+        return recording.export(place, format=chosen, overwrite=overwrite, progress=progress, **writes)
+
+
+def _options_of_reading(src: str | Path, format: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that only reading a foreign file has.
+
+    Raises:
+        UsageError: One is neither of reading nor of writing.
+    """
+    writing = {*inspect.signature(Recording.export).parameters, *options_of(format)}
+    rest = {name: value for name, value in options.items() if name not in writing}
+    reading = ingest.options_of(src) if rest else []
+    for name in rest if reading else ():
+        if name not in reading:
+            known = [*reading, *options_of(format)]
+            what = f"they have {', '.join(known)}. {did_you_mean(name, known, spelling='{}=')}".rstrip(" .")
+            raise UsageError(f"reading {src} and writing {format!r} have no option {name!r}; {what}")
+    return {name: value for name, value in rest.items() if name in reading}
 
 
 __all__ = ["convert"]

@@ -67,13 +67,21 @@ def export(job: Job, format: str, options: Mapping[str, Any]) -> Path:
     if module is None:
         raise FormatError(f"export() knows no format {format!r}; {format_hint(format, EXPORTERS)}")
     write = import_module(f".{module}", __name__).export
-    known = [name for name, one in inspect.signature(write).parameters.items() if one.kind is one.KEYWORD_ONLY]
+    known = options_of(format)
     for name in options:
         if name not in known:
             what = f"it has {', '.join(known) or 'none'}. {did_you_mean(name, known, spelling='{}=')}".rstrip(" .")
             raise UsageError(f"export(format={format!r}) has no option {name!r}; {what}")
     result: Path = write(job, **options)
     return result
+
+
+def options_of(format: str) -> list[str]:
+    """Return the options that writing a format has; none if there is no such format."""
+    if format not in EXPORTERS:
+        return []
+    parameters = inspect.signature(import_module(f".{EXPORTERS[format]}", __name__).export).parameters
+    return [name for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY]
 
 
 def format_of(dest: Path) -> str:
@@ -119,5 +127,6 @@ __all__ = [
     "export",
     "format_hint",
     "format_of",
+    "options_of",
     "stream",
 ]

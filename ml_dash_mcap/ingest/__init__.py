@@ -115,7 +115,7 @@ def into(
 
 def _check_options(src: str | Path, name: str, read: Callable[..., None], options: Mapping[str, Any]) -> None:
     """Raise UsageError if a format has not all of the options that a caller gave."""
-    taken = [one for one, how in inspect.signature(read).parameters.items() if how.kind is how.KEYWORD_ONLY]
+    taken = _options_of(read)
     for option in options:
         if option not in taken:
             offered = [one for one in taken if one != "progress"]
@@ -123,6 +123,23 @@ def _check_options(src: str | Path, name: str, read: Callable[..., None], option
                 " ."
             )
             raise UsageError(f"{src}: reading {name!r} has no option {option!r}; {what}")
+
+
+def options_of(src: str | Path) -> list[str]:
+    """Return the options that reading what is at a path has; none if it is none of the formats."""
+    name = detect(src)
+    return [] if name is None else [one for one in _options_of(_reader(name)) if one != "progress"]
+
+
+def _reader(name: str) -> Callable[..., None]:
+    """Return what reads a format."""
+    module = _load(FORMATS[name])
+    reader: Callable[..., None] = getattr(module, "carry", None) or module.record
+    return reader
+
+
+def _options_of(read: Callable[..., None]) -> list[str]:
+    return [one for one, how in inspect.signature(read).parameters.items() if how.kind is how.KEYWORD_ONLY]
 
 
 def read_as_it_is(path: Path) -> list[Path] | None:
@@ -138,19 +155,19 @@ def read_as_it_is(path: Path) -> list[Path] | None:
     return files
 
 
-def as_folder(path: str | Path, *, salvages: bool = False) -> tempfile.TemporaryDirectory[str]:
+def as_folder(path: str | Path, *, salvages: bool = False, **options: Any) -> tempfile.TemporaryDirectory[str]:
     """Return a temporary folder with a recording of what is in a foreign file or folder.
 
     Args:
         path: The file or folder.
         salvages: Whether to leave out what is damaged, with a warning, where the format can.
+        options: Of the format.
 
     Raises:
         As `record`; then there is no folder.
     """
-    name = detect(path)
-    can_skip = name is not None and hasattr(_load(FORMATS[name]), "carry")
-    options: dict[str, Any] = {"on_damage": "skip"} if salvages and can_skip else {}
+    if salvages and "on_damage" in options_of(path):
+        options = {"on_damage": "skip", **options}
     folder = tempfile.TemporaryDirectory(prefix="ml_dash_mcap-")
     try:
         into(path, Path(folder.name), Path(path).name, **options)

@@ -190,6 +190,15 @@ def test_options_say_what_the_file_does_not(tmp_path: Path) -> None:
         convert(tmp_path / "table.csv", tmp_path / "no", seperator=";")
 
 
+def test_a_table_becomes_another_kind_of_table(tmp_path: Path) -> None:
+    path = written(tmp_path, "when;x\n500;1,5\n1500;2,5\n")
+    dest = convert(path, tmp_path / "t.parquet", time_column="when", time_unit="ms", flatten=True)
+    assert pl.read_parquet(dest).select("_ts", "when", "x").rows() == [(0.5, 500, 1.5), (1.5, 1500, 2.5)]
+    with pytest.raises(UsageError, match=r"have no option 'time_colum'.*time_column="):
+        convert(path, tmp_path / "no.parquet", time_colum="when")
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["t.parquet", "table.csv"]
+
+
 def test_times_in_text_are_instants(tmp_path: Path) -> None:
     text = "timestamp,x\n2024-01-01T00:00:00.25Z,1\n2024-01-01T01:00:00.5+01:00,2\n"
     assert [row["_ts"] for row in fields(tmp_path, text)] == [1_704_067_200.25, 1_704_067_200.5]

@@ -348,6 +348,8 @@ def test_what_is_not_damaged_can_be_taken(tmp_path: Path) -> None:
     with pytest.warns(ConversionWarning, match=r"20000 of 60000 rows are damaged and were left out"):
         convert(path, tmp_path / "run", on_damage="skip")
     assert [row["x"] for row in rows(tmp_path / "run")] == list(range(20_000, 60_000))
+    with pytest.warns(ConversionWarning, match="20000 of 60000"), Recording(path, on_damage="skip") as recording:
+        assert recording.topics["table"].count == 40_000
     with pytest.raises(OptionError, match="on_damage='ignore'"):
         convert(path, tmp_path / "no", on_damage="ignore")
 
