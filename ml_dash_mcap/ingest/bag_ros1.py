@@ -279,13 +279,21 @@ def _payloads(data: bytes, places: Numbers) -> list[Payload]:
     ends = starts + lengths[starts - 4]
     if int(ends.max()) > len(data):
         raise _BrokenError(f"there is no whole message at byte {int(places[np.argmax(ends)])} of it")
+    if not _are_messages(data, places, starts):
+        for place, start in zip(places.tolist(), starts.tolist(), strict=True):
+            if data.find(_MESSAGE_OP, place, start) < 0:
+                raise _BrokenError(f"there is no whole message at byte {place} of it")
     view = memoryview(data)
-    found: list[Payload] = []
-    for place, start, end in zip(places.tolist(), starts.tolist(), ends.tolist(), strict=True):
-        if data.find(_MESSAGE_OP, place, start) < 0:
-            raise _BrokenError(f"there is no whole message at byte {place} of it")
-        found.append(view[start:end])
-    return found
+    return [view[start:end] for start, end in zip(starts.tolist(), ends.tolist(), strict=True)]
+
+
+def _are_messages(data: bytes, places: Numbers, starts: Numbers) -> bool:
+    """Whether the records are messages whose headers have the fields in one order, as those of one writer have."""
+    at = data.find(_MESSAGE_OP, int(places[0]), int(starts[0])) - int(places[0])
+    if at < 0 or bool((places + at + len(_MESSAGE_OP) > starts).any()):
+        return False
+    words = np.ndarray((len(data) - 3,), "<u4", data, strides=(1,))
+    return bool((words[places + at] == int.from_bytes(_MESSAGE_OP, "little")).all())
 
 
 def _unpacked(packed: bytes, compression: bytes, size: int) -> bytes:

@@ -5,20 +5,22 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import tempfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import DamagedFileError
-from ..messages import Channel, MessageBlock
+from ..messages import Channel, MessageBlock, Payload
 from .bag_messages import unpacked
 
 MAGIC = b"SQLite format 3\0"
 
 _BESIDE = ("-wal", "-journal")
 """What SQLite leaves beside a file whose process died: rows that are not in it yet, or that have to be undone in it."""
+
+_Row = tuple[int, int, bytes]
 
 _AT_ONCE = 512
 _BLOCK_BYTES = 1 << 20
@@ -83,25 +85,29 @@ class SqliteBag:
         Raises:
             DamagedFileError: The file is damaged further on.
         """
-        rows: list[tuple[int, int, bytes]] = []
+        numbers: list[int] = []
+        times: list[int] = []
+        payloads: list[Payload] = []
         size = 0
         cursor = self._base.cursor()
         try:
             cursor.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
-            while some := cursor.fetchmany(_AT_ONCE):
-                chosen = self._chosen(some, wanted)
-                rows += chosen
-                size += sum(len(row[2]) for row in chosen)
-                if size >= _BLOCK_BYTES or len(rows) >= _BLOCK_MESSAGES:
-                    yield self._block(rows)
-                    rows, size = [], 0
+            while rows := cursor.fetchmany(_AT_ONCE):
+                more_numbers, more_times, more_payloads = self._columns(rows, wanted)
+                numbers.extend(more_numbers)
+                times.extend(more_times)
+                payloads.extend(more_payloads)
+                size += sum(map(len, more_payloads))
+                if size >= _BLOCK_BYTES or len(numbers) >= _BLOCK_MESSAGES:
+                    yield self._block(numbers, times, payloads)
+                    numbers, times, payloads, size = [], [], [], 0
         except (sqlite3.Error, DamagedFileError) as error:
             lost = self._broken("this SQLite bag cannot be read on", error)
             if not self._salvages:
                 raise lost from error
             self.losses.append(str(lost))
-        if rows:
-            yield self._block(rows)
+        if numbers:
+            yield self._block(numbers, times, payloads)
 
     def close(self) -> None:
         """Close the file. May be called twice."""
@@ -110,26 +116,35 @@ class SqliteBag:
             self._copy.cleanup()
             self._copy = None
 
-    def _chosen(self, rows: list[tuple[int, int, bytes]], wanted: Collection[int]) -> list[tuple[int, int, bytes]]:
+    def _columns(self, rows: list[_Row], wanted: Collection[int]) -> tuple[Sequence[Any], ...]:
+        """Return the topics, times and contents of some rows, of those channels that are wanted."""
         numbers, times, payloads = zip(*rows, strict=True)
         if {*map(type, payloads)} != {bytes} or {*map(type, times)} != {int} or min(times) < 0:
-            bad = next(row for row in rows if type(row[2]) is not bytes or type(row[1]) is not int or row[1] < 0)
-            what = f"the message of topic {bad[0]} at time {bad[1]!r} is no bytes at a time of 0 or later"
-            if not self._salvages:
-                raise DamagedFileError(self._path, 0, what)
-            self.losses.append(f"{self._path}: {what}")
-            return self._chosen([row for row in rows if row is not bad], wanted) if len(rows) > 1 else []
+            return self._columns_but_bad(rows, wanted)
         known = set(numbers)
         if not known <= self._channels.keys():
             stray = min(known - self._channels.keys())
             raise DamagedFileError(self._path, 0, f"a message is on topic {stray}, which is not in the table")
-        return rows if known <= set(wanted) else [row for row in rows if row[0] in wanted]
+        if known <= set(wanted):
+            return numbers, times, payloads
+        chosen = [row for row in rows if row[0] in wanted]
+        return tuple(zip(*chosen, strict=True)) if chosen else ((), (), ())
 
-    def _block(self, rows: list[tuple[int, int, bytes]]) -> MessageBlock:
-        numbers, times, payloads = zip(*rows, strict=True)
+    def _columns_but_bad(self, rows: list[_Row], wanted: Collection[int]) -> tuple[Sequence[Any], ...]:
+        good = [row for row in rows if type(row[2]) is bytes and type(row[1]) is int and row[1] >= 0]
+        bad = next(row for row in rows if row not in good)
+        what = f"the message of topic {bad[0]} at time {bad[1]!r} is no bytes at a time of 0 or later"
+        if not self._salvages:
+            raise DamagedFileError(self._path, 0, what)
+        self.losses.append(
+            f"{self._path}: {what}" + f"; {len(rows) - len(good)} such in all" * (len(good) + 1 < len(rows))
+        )
+        return self._columns(good, wanted) if good else ((), (), ())
+
+    def _block(self, numbers: list[int], times: list[int], payloads: list[Payload]) -> MessageBlock:
         times_ns = np.array(times, np.uint64)
-        sequences = np.zeros(len(rows), np.uint32)
-        block = MessageBlock(np.array(numbers, np.int64), times_ns, times_ns, sequences, list(payloads))
+        sequences = np.zeros(len(times), np.uint32)
+        block = MessageBlock(np.array(numbers, np.int64), times_ns, times_ns, sequences, payloads)
         return unpacked(block, self._path, self.losses if self._salvages else None) if self._is_packed else block
 
     def _read_channels(self) -> dict[int, Channel]:
