@@ -96,6 +96,7 @@ class Recording(Mapping[str, TopicReader]):
             OptionError: An option has a value that it cannot have; also a ValueError.
         """
         how = decoding(definitions, on_unknown)
+        bag_options = {"definitions": definitions, "on_unknown": "skip" if on_unknown == "skip" else "bytes"}
         if on_damage not in ("raise", "skip"):
             raise OptionError(f'on_damage={on_damage!r} is neither "raise" nor "skip"')
         given = [path] if isinstance(path, (str, Path)) else list(path)
@@ -112,7 +113,7 @@ class Recording(Mapping[str, TopicReader]):
             if one.is_dir():
                 _fold_in_leftovers(one)
         try:
-            opened = [file for one in paths for file in self._as_recording(one, on_damage == "skip")]
+            opened = [file for one in paths for file in self._as_recording(one, on_damage == "skip", bag_options)]
             self._segments = Segments(opened, limits or Limits(), salvages=on_damage == "skip", decoding=how)
         except BaseException:
             self._remove_converted()
@@ -451,7 +452,7 @@ class Recording(Mapping[str, TopicReader]):
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def _as_recording(self, path: Path, salvages: bool) -> list[Path]:
+    def _as_recording(self, path: Path, salvages: bool, bag_options: Mapping[str, Any]) -> list[Path]:
         """Return where to read what is at a path: there, or in a temporary place if it is in another format."""
         if not _may_be_foreign(path):
             return [path]
@@ -460,7 +461,7 @@ class Recording(Mapping[str, TopicReader]):
         files = ingest.read_as_it_is(path)
         if files is not None:
             return files
-        folder = ingest.as_folder(path, salvages=salvages)
+        folder = ingest.as_folder(path, salvages=salvages, **bag_options)
         self._converted.append(folder)
         return [Path(folder.name)]
 

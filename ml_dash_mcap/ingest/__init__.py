@@ -161,13 +161,14 @@ def as_folder(path: str | Path, *, salvages: bool = False, **options: Any) -> te
     Args:
         path: The file or folder.
         salvages: Whether to leave out what is damaged, with a warning, where the format can.
-        options: Of the format.
+        options: Those that the format has are passed on.
 
     Raises:
         As `record`; then there is no folder.
     """
-    if salvages and "on_damage" in options_of(path):
-        options = {"on_damage": "skip", **options}
+    wanted = {**options, **({"on_damage": "skip"} if salvages else {})}
+    known = options_of(path)
+    options = {name: value for name, value in wanted.items() if name in known}
     folder = tempfile.TemporaryDirectory(prefix="ml_dash_mcap-")
     try:
         into(path, Path(folder.name), Path(path).name, **options)
