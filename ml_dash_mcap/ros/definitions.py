@@ -25,6 +25,7 @@ from .message_types import (
     shortened,
 )
 
+SEPARATOR = "=" * 80
 _SEPARATOR = re.compile(r"={3,}")
 _HEADER = re.compile(r"(?:MSG|SRV|ACTION):\s*(\S+)")
 _PART = "---"
@@ -76,6 +77,26 @@ def parse(name: str, text: str, *, is_ros1: bool = False, find: Find = nowhere) 
     root = canonical(name)
     texts = _Texts(_sections(root, text), is_ros1, find)
     return Definitions(root, closure(root, texts.fields))
+
+
+def complete(name: str, text: str, *, is_ros1: bool = False, find: Find = nowhere) -> str:
+    """Return a definition with those that it lacks behind it, for readers that look nothing up.
+
+    The arguments are those of `parse`.
+
+    Raises:
+        EncodingError: It is no definition, or lacks one that nobody knows.
+    """
+    root = canonical(name)
+    there = _sections(root, text)
+    texts = _Texts(there, is_ros1, find)
+    built_in = interfaces.KNOWN_ROS1 if is_ros1 else {}
+    lacking = [one for one in closure(root, texts.fields) if one not in there and one not in built_in]
+    return "".join([text, *(f"{_joint(text)}MSG: {one}\n{texts.text(one)}\n" for one in lacking)])
+
+
+def _joint(text: str) -> str:
+    return ("" if text.endswith("\n") else "\n") + SEPARATOR + "\n"
 
 
 def closure(root: str, fields: Callable[[str], Fields]) -> dict[str, Fields]:
@@ -161,6 +182,16 @@ class _Texts:
         if any(list(fields.items()) != list(first.items()) for fields in others):
             raise EncodingError(f"it defines {message} more than once, with other fields each time")
         return first
+
+    def text(self, message: str) -> str:
+        """Return a message's own text.
+
+        Raises:
+            EncodingError: It has none in this language.
+        """
+        if message not in self._texts:
+            raise EncodingError(f"{message} is defined in another language")
+        return self._texts[message][0].strip("\n")
 
     def _is_known(self, message: str) -> bool:
         """Whether there is a message; what the text lacks is looked up, and taken in with all that comes with it."""

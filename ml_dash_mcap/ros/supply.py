@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 
 from ..errors import EncodingError
-from . import distros, idl
+from . import definitions, distros, idl
 from .definitions import Found
 from .distros import Likely
 from .message_types import canonical
@@ -75,6 +75,35 @@ class Finder:
                 " the recording does not say which it is"
             )
         return Found(found.text)
+
+
+def complete(name: str, schema_encoding: str, text: str, supply: Supply) -> tuple[str, str]:
+    """Return a schema from which any reader can read a message: its encoding, and its text with all that it needs.
+
+    What is there already stays as it is; what was given for the message itself comes in its place.
+
+    Args:
+        name: Of the message.
+        schema_encoding: Of the text: "ros1msg", "ros2msg", "ros2idl" or "omgidl"; empty without one.
+        text: What is known of it; empty for nothing.
+        supply: Where the rest comes from.
+
+    Raises:
+        EncodingError: Nobody knows the message, or one in it.
+    """
+    find = Finder(supply, name)
+    given = supply.text(name)
+    language = "ros1msg" if supply.is_ros1 else "ros2msg"
+    if given is not None:
+        text, schema_encoding = given, "ros2idl" if is_idl(given) else language
+    elif not text.strip():
+        found = find(canonical(name))
+        if found is None:
+            raise EncodingError(find.why)
+        text, schema_encoding = found.text, language
+    if schema_encoding.endswith("idl"):
+        return schema_encoding, text
+    return schema_encoding, definitions.complete(name, text, is_ros1=supply.is_ros1, find=find)
 
 
 def is_idl(text: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from typing import Any
 
+import mcap_ros2._dynamic
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,7 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ml_dash_mcap.errors import EncodingError
 from ml_dash_mcap.ros import distros, stores
 from ml_dash_mcap.ros.decode import decoder, definition
-from ml_dash_mcap.ros.supply import Supply
+from ml_dash_mcap.ros.supply import Supply, complete
 from tests.support import ros_messages
 
 HUMBLE, JAZZY, NOETIC = (get_typestore(one) for one in (Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.ROS1_NOETIC))
@@ -187,3 +188,32 @@ def test_a_header_need_not_be_defined(is_ros1: bool, name: str) -> None:
     assert list(found.messages["std_msgs/Header"].values())[-2].name == (
         "time" if is_ros1 else "builtin_interfaces/Time"
     )
+
+
+@settings(max_examples=40, deadline=None)
+@given(messages=ros_messages.messages(), data=st.data())
+def test_a_completed_definition_is_all_that_another_reader_needs(messages, data) -> None:
+    row = data.draw(ros_messages.rows(messages))
+    lacking = data.draw(st.sets(st.sampled_from([name for name in messages if name != "pkg/Outer"])))
+    rest = ros_messages.text({name: fields for name, fields in messages.items() if name not in lacking})
+    given = tuple((name, ros_messages.text({name: messages[name]})) for name in lacking)
+    encoding, text = complete("pkg/msg/Outer", "ros2msg", rest, supply(*given))
+    assert encoding == "ros2msg" and text.startswith(rest)
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(text, "pkg/msg/Outer"))
+    original = ros_messages.typestore(messages)
+    payload = original.serialize_cdr(ros_messages.instance(original, messages, row), "pkg/msg/Outer")
+    decode = mcap_ros2._dynamic.generate_dynamic("pkg/msg/Outer", text)["pkg/msg/Outer"]
+    decode(bytes(payload))
+    again = store.serialize_cdr(store.deserialize_cdr(payload, "pkg/msg/Outer"), "pkg/msg/Outer")
+    assert bytes(again) == bytes(payload)
+
+
+def test_a_definition_that_is_complete_stays_as_it_is() -> None:
+    text = JAZZY.generate_msgdef("sensor_msgs/msg/Imu", ros_version=2)[0]
+    assert complete("sensor_msgs/msg/Imu", "ros2msg", text, supply()) == ("ros2msg", text)
+    assert complete("sensor_msgs/msg/Imu", "", "", supply(distro="jazzy")) == ("ros2msg", text)
+    with pytest.raises(EncodingError, match="no standard message"):
+        complete("p/msg/Thing", "", "", supply())
+    idl = "module p { struct Thing { long x; }; };"
+    assert complete("p/msg/Thing", "", "", supply(("p/Thing", idl))) == ("ros2idl", idl)
