@@ -126,3 +126,50 @@ def test_an_action_gives_the_messages_around_it() -> None:
 def test_a_service_whose_own_name_is_asked_for_is_no_message() -> None:
     with pytest.raises(EncodingError, match="it does not define p/Add"):
         definitions.parse("p/srv/Add", SERVICE)
+
+
+@pytest.mark.parametrize("odd", ["\x0b", "\x0c", "\x1c", "\x85", "\u2028", "\u2029", "\r", "\t", "µ", "=" * 80, "---"])
+def test_a_comment_may_have_any_character_in_it(odd: str) -> None:
+    text = f"# a{odd}b: float64 z\nint32 n # a{odd}b\nuint8 MAX=3 # a{odd}b\nstring NAME=a{odd}b\n"
+    assert fields(text) == {"n": INT}
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_lines_may_end_as_any_system_ends_them(end: str) -> None:
+    text = end.join(["float64 x", "B b", "=" * 40, "MSG: p/B", "int32 n", ""])
+    assert definitions.parse("p/msg/A", text).messages == {"p/A": {"x": DOUBLE, "b": Named("p/B")}, "p/B": {"n": INT}}
+
+
+def test_a_type_that_is_defined_again_is_the_same_or_refused() -> None:
+    once = "B b\n===\nMSG: p/B\nint32 n\n"
+    again = {"the same": "int32 n", "without comments": "# a comment\n\nint32 n # more", "as p/msg/B": "int32 n"}
+    for how, text in again.items():
+        name = "p/msg/B" if how == "as p/msg/B" else "p/B"
+        assert definitions.parse("p/A", f"{once}===\nMSG: {name}\n{text}").messages["p/B"] == {"n": INT}
+    for text in ("float32 n", "int32 m", "int32 n\nint32 m"):
+        with pytest.raises(EncodingError, match="it defines p/B more than once, with other fields each time"):
+            fields(f"{once}===\nMSG: p/B\n{text}")
+    with pytest.raises(EncodingError, match="p/B more than once"):
+        fields("B b\n===\nMSG: p/B\nint32 n\nint32 m\n===\nMSG: p/B\nint32 m\nint32 n")
+    assert fields("int32 n\n===\nMSG: p/B\nint32 n\n===\nMSG: p/B\nint32 m") == {"n": INT}, "it is not used"
+    assert fields("# only a comment\n===\nMSG: p/A\nint32 n") == {"n": INT}
+
+
+def test_messages_in_other_folders_of_a_package_have_names_of_their_own() -> None:
+    text = "p/odd/B b\n===\nMSG: p/odd/B\nint32 n\n===\nMSG: p/other/B\nfloat64 n"
+    assert definitions.parse("p/msg/A", text).messages == {"p/A": {"b": Named("p/odd/B")}, "p/odd/B": {"n": INT}}
+    short = definitions.parse("p/msg/A", "p/B b\n===\nMSG: p/odd/B\nint32 n").messages
+    assert short == {"p/A": {"b": Named("p/B")}, "p/B": {"n": INT}}
+
+
+def test_messages_of_services_and_actions_may_be_made_of_parts_that_have_sections_of_their_own() -> None:
+    text = "service_msgs/ServiceEventInfo info\nAdd_Request[<=1] request\n===\nMSG: p/srv/Add_Request\nint32 a"
+    assert fields(text, "p/srv/Add_Event")["request"] == Array(Named("p/Add_Request"), None)
+    goal = "Go_SendGoal_Request r\n===\nMSG: p/action/Go_Goal\nint32 a"
+    found = definitions.parse("p/msg/A", goal).messages
+    assert found["p/Go_SendGoal_Request"] == {
+        "goal_id": Named("unique_identifier_msgs/UUID"),
+        "goal": Named("p/Go_Goal"),
+    }
+    event = "Add_Event e\n===\nMSG: p/Add_Request\nint32 a\n===\nMSG: p/Add_Response\nint32 b"
+    assert list(definitions.parse("p/msg/A", event).messages["p/Add_Event"]) == ["info", "request", "response"]

@@ -127,3 +127,17 @@ def test_idl_that_cannot_be_used_is_an_error_that_says_why(text: str, why: str) 
 def test_nested_parentheses_cost_nothing() -> None:
     text = f"module p {{ const long X = {'(' * 5000}1{')' * 5000}; struct A {{ long x; }}; }};"
     assert idl.parse("p/A", text).messages["p/A"] == {"x": Basic("int32")}
+
+
+def test_a_service_in_idl_has_an_event() -> None:
+    text = "module p { module srv { struct Add_Request { long a; }; struct Add_Response { long b; }; }; };"
+    found = idl.parse("p/srv/Add_Event", text).messages
+    assert found["p/Add_Event"] == {
+        "info": Named("service_msgs/ServiceEventInfo"),
+        "request": Array(Named("p/Add_Request"), None),
+        "response": Array(Named("p/Add_Response"), None),
+    }
+    assert found["p/Add_Request"] == {"a": Basic("int32")}
+    payload = b"\0\1\0\0" + struct.pack("<BxxxiI16s4xq", 1, 2, 3, bytes(16), 4) + struct.pack("<IiI", 1, 7, 0)
+    row = decoder("p/srv/Add_Event", "ros2idl", text)(payload)
+    assert (row["info"]["sequence_number"], row["request"], row["response"]) == (4, [{"a": 7}], [])
