@@ -90,8 +90,8 @@ def test_all_standard_messages_are_decoded(tmp_path: Path, reader_program: Path)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         bags = [
-            export(tmp_path / "run", tmp_path / "mc", tf=True) / "mc_0.mcap",
-            export(tmp_path / "run", tmp_path / "out.bag", "rosbag1", tf=True),
+            export(tmp_path / "run", tmp_path / "mc", tf=True, frame_id="base") / "mc_0.mcap",
+            export(tmp_path / "run", tmp_path / "out.bag", "rosbag1", tf=True, frame_id="base"),
         ]
     names = {"/all", "/tf"} | {
         f"/all/{name}"

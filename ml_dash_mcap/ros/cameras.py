@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from . import units
+from ..errors import ConversionWarning
+from . import frames, units
 from .columns import Column, Constant, Ragged, texts
 from .context import BadRows, Context
-from .lossless import names_image
+from .lossless import Field, names_image
 
 Array = npt.NDArray[Any]
 
@@ -22,6 +24,16 @@ _DEPTHS: Mapping[str, tuple[str, np.dtype[Any]]] = {
 }
 _UINT32 = 2**32 - 1
 _COLORS = {1: "mono8", 3: "rgb8", 4: "rgba8"}
+_BAYER = ("bayer_rggb8", "bayer_bggr8", "bayer_gbrg8", "bayer_grbg8")
+_SAME_PIXELS: Mapping[int | str, tuple[str, ...]] = {
+    1: ("mono8", "8UC1", *_BAYER),
+    3: ("rgb8", "bgr8", "8UC3"),
+    4: ("rgba8", "bgra8", "8UC4"),
+    "float64": ("32FC1",),
+    "int64": ("16UC1", "mono16"),
+    "uint64": ("16UC1", "mono16"),
+}
+"""Channels of a byte, or what a depth is in, to the encodings that these bytes can be (sensor_msgs/image_encodings)."""
 
 
 def camera_info(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
@@ -39,20 +51,31 @@ def camera_info(context: Context, values: dict[str, Array]) -> dict[str, Column]
     p[:, :, :3] = k.reshape(count, 3, 3)
     distortion = values["d"].astype(np.float64) if "d" in values else Constant([])
     model = "plumb_bob" if "d" in values and values["d"].shape[1] == 5 else ""
+    models = context.details.get("distortion_model")
+    r = _matrices(context, "r", np.tile(np.eye(3).reshape(9), (count, 1)))
     region = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
     return {
         "header": context.header,
         "height": values["height"].astype(np.uint32) if "height" in values else Constant(0),
         "width": values["width"].astype(np.uint32) if "width" in values else Constant(0),
-        "distortion_model": Constant(model),
+        "distortion_model": Constant(model) if models is None else frames.texts_or(models, model),
         **dict.fromkeys(("d", "D"), distortion),
         **dict.fromkeys(("k", "K"), k),
-        **{name: Constant([1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0]) for name in ("r", "R")},
-        **{name: p.reshape(count, 12) for name in ("p", "P")},
+        **dict.fromkeys(("r", "R"), r),
+        **dict.fromkeys(("p", "P"), _matrices(context, "p", p.reshape(count, 12))),
         "binning_x": Constant(0),
         "binning_y": Constant(0),
         "roi": Constant(region),
     }
+
+
+def _matrices(context: Context, role: str, otherwise: Array) -> Array:
+    """Return the matrices that rows state, and others for those that do not, [N, size]."""
+    stated = context.details.get(role)
+    if stated is None:
+        return otherwise
+    matrices = np.asarray(stated.values, np.float64).reshape(otherwise.shape)
+    return np.where(stated.is_there[:, None], matrices, otherwise)
 
 
 def image(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
@@ -76,11 +99,29 @@ def image(context: Context, values: dict[str, Array]) -> dict[str, Column] | Bad
         "header": context.header,
         "height": Constant(height),
         "width": Constant(width),
-        "encoding": Constant(encoding),
+        "encoding": _encodings(context, encoding, one, data),
         "is_bigendian": Constant(0),
         "step": Constant(pixels.shape[1] // max(height, 1)),
         "data": pixels,
     }
+
+
+def _encodings(context: Context, encoding: str, one: Field, data: Array) -> Column:
+    """Return what the pixels are: what rows state, where the pixels can be that."""
+    stated = context.details.get("encoding")
+    if stated is None:
+        return Constant(encoding)
+    known = _SAME_PIXELS[data.shape[3] if data.ndim == 4 else one.kind]
+    found = frames.texts_of(stated, encoding)
+    odd = sorted({name for name in found if name not in known})
+    if odd:
+        warnings.warn(
+            f"{context.derived.topic}: field {context.derived.key('encoding')!r} is {odd[0]!r}, which the pixels of"
+            f" {context.derived.key('data')!r} are not; they are taken for {encoding}",
+            ConversionWarning,
+            stacklevel=2,
+        )
+    return texts([name if name in known else encoding for name in found])
 
 
 def _depths(context: Context, data: Array, metres: float) -> Array:
@@ -113,6 +154,10 @@ def compressed(context: Context, values: dict[str, Any]) -> dict[str, Column] | 
             name = _text(values["data"], int(np.argmax(bad)))
             return BadRows(bad, f"field {context.derived.key('data')!r} names {name!r}, which is neither JPEG nor PNG")
         return BadRows(bad, f"field {context.derived.key('data')!r} is neither a JPEG nor a PNG", is_other=True)
+    stated = context.details.get("format")
+    if stated is not None:  # such as "bgr8; jpeg compressed bgr8"
+        both = zip(frames.texts_of(stated, ""), formats, strict=True)
+        formats = [said if found in said.replace("jpg", "jpeg") else found for said, found in both]
     return {"header": context.header, "format": texts(formats), "data": data}
 
 

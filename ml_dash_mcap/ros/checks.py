@@ -17,7 +17,9 @@ def check(derived: Derived) -> str | None:
 
 
 def ragged_role(derived: Derived) -> str | None:
-    """Return the role of a field whose length changes, if there is one."""
+    """Return the role of a field whose length changes and must not, if there is one; a robot's joints may change."""
+    if derived.type == standard.JOINT_STATE:
+        return None
     return next((role for role, way in derived.fields.items() if standard.is_ragged(way[-1])), None)
 
 
@@ -47,7 +49,7 @@ def _check_names(derived: Derived) -> str | None:
     order = derived.metadata.get("quat_order", "xyzw")
     if order not in ("xyzw", "wxyz"):
         return f"its quat_order is {order!r}; it must be 'xyzw' or 'wxyz'"
-    for key in ("frame_id", "child_frame_id"):
+    for key in (standard.FRAME, standard.CHILD_FRAME):
         frame = derived.metadata.get(key)
         if frame is not None and (not isinstance(frame, str) or "\0" in frame):
             return f"its {key} is {frame!r}; it must be a name"
@@ -55,7 +57,7 @@ def _check_names(derived: Derived) -> str | None:
 
 
 def _check_joints(derived: Derived) -> str | None:
-    sizes = {role: way[-1].shape[0] if way[-1].shape else 1 for role, way in derived.fields.items()}
+    sizes = joints(derived)
     if len(set(sizes.values())) > 1:
         found = ", ".join(f"{derived.key(role)!r} has {size}" for role, size in sizes.items())
         return f"its fields have different numbers of joints: {found}"
@@ -64,13 +66,13 @@ def _check_joints(derived: Derived) -> str | None:
         return None
     if not isinstance(listed, (list, tuple)) or not all(isinstance(name, str) and "\0" not in name for name in listed):
         return f"its joint_names are {listed!r}; they must be a list of names"
-    size = joints(derived)
-    if len(listed) != size:
-        return f"its joint_names are {len(listed)}, and {derived.key(next(iter(derived.fields)))!r} has {size} values"
+    for role, size in sizes.items():
+        if len(listed) != size:
+            return f"its joint_names are {len(listed)}, and {derived.key(role)!r} has {size} values"
     return None
 
 
-def joints(derived: Derived) -> int:
-    """Return how many joints a JointState has."""
-    shape = next(iter(derived.fields.values()))[-1].shape
-    return shape[0] if shape else 1
+def joints(derived: Derived) -> dict[str, int]:
+    """Return how many joints there are by each field of a JointState that says the same for all rows."""
+    shapes = {role: way[-1].shape for role, way in derived.fields.items()}
+    return {role: shape[0] if shape else 1 for role, shape in shapes.items() if shape is not None}

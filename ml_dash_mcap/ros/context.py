@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,15 @@ from .standard import Derived
 
 Load = Callable[[str], bytes]
 """Returns the file at a path; raises a `ValueError` that says why there is none."""
+
+
+class Stated(NamedTuple):
+    """What a field says of a detail."""
+
+    is_there: npt.NDArray[np.bool_]
+    """Which of the rows have it, [N]."""
+    values: Any
+    """Of the rows, [N]; anything where it is not there."""
 
 
 class Context(NamedTuple):
@@ -27,6 +36,8 @@ class Context(NamedTuple):
     """Of the messages, [N]."""
     load: Load | None = None
     """Where images are embedded."""
+    details: Mapping[str, Stated] = {}
+    """What fields say of the message's details."""
 
 
 class BadRows(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from ..errors import ConversionWarning
 from ..rows import rotations
-from . import cameras, checks, standard, units
+from . import cameras, frames, joints, standard, units
 from .columns import Column, Constant, Indices, Ragged, pick
-from .context import BadRows, Context, Load
-from .lossless import INTEGER, PRESENT, STATE, Message
+from .context import BadRows, Context, Load, Stated
+from .lossless import INTEGER, PRESENT, STATE, Field, Message
 from .standard import Derived
 
 Array = npt.NDArray[Any]
@@ -31,14 +31,23 @@ def present(message: Message, column: Mapping[str, Column], derived: Derived, co
     """Return which rows have all fields of a derived message, [N]."""
     having = np.ones(count, np.bool_)
     for way in derived.fields.values():
-        inner, at = message, column
-        for one in way:
-            if inner.is_stated:
-                states = at[STATE][:, inner.fields.index(one)]
-                having &= (states == PRESENT) | (states == INTEGER)
-            if one.message is not None:
-                inner, at = one.message, at[one.name]
+        having &= _is_there(message, column, way, count)
     return np.flatnonzero(having)
+
+
+def _is_there(
+    message: Message, column: Mapping[str, Column], way: Sequence[Field], count: int
+) -> npt.NDArray[np.bool_]:
+    """Tell which rows have a field, [N]."""
+    having = np.ones(count, np.bool_)
+    inner, at = message, column
+    for one in way:
+        if inner.is_stated:
+            states = at[STATE][:, inner.fields.index(one)]
+            having &= (states == PRESENT) | (states == INTEGER)
+        if one.message is not None:
+            inner, at = one.message, at[one.name]
+    return having
 
 
 def build(
@@ -60,18 +69,42 @@ def build(
         load: Reads the files that fields name, where images are embedded.
     """
     values = {role: _values(column, derived, role, rows, len(times)) for role in derived.fields}
-    return _BUILDERS[derived.type](Context(derived, rows, times, header, load), values)
+    details = {
+        role: Stated(
+            _is_there(derived.message, column, way, len(times))[rows], _details(column, derived, role, rows, len(times))
+        )
+        for role, way in derived.details.items()
+    }
+    header = {**header, "frame_id": frames.of_header(derived, header["frame_id"], details)}
+    return _BUILDERS[derived.type](Context(derived, rows, times, header, load, details), values)
+
+
+def _at(column: Mapping[str, Column], way: Sequence[Field], rows: Indices, count: int) -> Any:
+    at: Any = column
+    for one in way:
+        at = at[one.name]
+    return pick(at, rows) if len(rows) < count else at
+
+
+def _details(column: Mapping[str, Column], derived: Derived, role: str, rows: Indices, count: int) -> Any:
+    """Return what a field says of a detail, in ROS's unit."""
+    way = derived.details[role]
+    at = _at(column, way, rows, count)
+    detail = standard.DETAILS.get(derived.type, {}).get(role)
+    if detail is None or detail.of is None or detail.of not in derived.fields or isinstance(at, Ragged):
+        return at
+    of_unit = units.said(derived.metadata.get("units"), [one.key for one in derived.fields[detail.of]])
+    quantity = standard.ROLES[derived.type][detail.of].quantity
+    scale = units.scale(quantity if isinstance(quantity, str) else None, of_unit)
+    assert scale is not None  # `checks` saw to it
+    return np.asarray(at, np.float64).reshape(len(rows), -1) * scale.factor**2
 
 
 def _values(column: Mapping[str, Column], derived: Derived, role: str, rows: Indices, count: int) -> Any:
-    at: Any = column
     way = derived.fields[role]
-    for one in way:
-        at = at[one.name]
-    if len(rows) < count:
-        at = pick(at, rows)
+    at = _at(column, way, rows, count)
     if isinstance(at, Ragged):
-        return at
+        return _scaled_lists(derived, role, at)
     at = at.reshape(len(rows), *(way[-1].shape or ()))
     quantity = standard.ROLES[derived.type][role].quantity
     unit = units.said(derived.metadata.get("units"), [one.key for one in way])
@@ -91,22 +124,14 @@ def _values(column: Mapping[str, Column], derived: Derived, role: str, rows: Ind
     return scaled
 
 
-def _joint_state(context: Context, values: dict[str, Array]) -> dict[str, Column]:
-    count = len(context.rows)
-    joints = checks.joints(context.derived)
-    listed = context.derived.metadata.get("joint_names")
-    found = {
-        role: values[role].reshape(count, joints).astype(np.float64, copy=False) if role in values else Constant([])
-        for role in ("position", "velocity", "effort")
-    }
-    is_gripper = context.derived.topic.rpartition("/")[2] == standard.GRIPPER
-    name = standard.GRIPPER if is_gripper else "joint"
-    called = [f"{name}{number}" for number in range(1, joints + 1)]
-    if listed is not None:
-        called = list(listed)
-    elif is_gripper and joints == 1:
-        called = [name]
-    return {"header": context.header, "name": Constant(called), **found}
+def _scaled_lists(derived: Derived, role: str, values: Ragged) -> Ragged:
+    """Return lists of numbers in ROS's unit; whatever else comes as lists has no unit."""
+    quantity = standard.ROLES[derived.type][role].quantity
+    unit = units.said(derived.metadata.get("units"), [one.key for one in derived.fields[role]])
+    scale = units.scale(quantity, unit) if isinstance(quantity, str) else None
+    if scale is None or (scale.factor == 1 and not scale.offset):
+        return values
+    return values._replace(items=np.asarray(values.items) * scale.factor + scale.offset)
 
 
 def _pose(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
@@ -122,10 +147,9 @@ def _transform(context: Context, values: dict[str, Array]) -> dict[str, Column] 
     if isinstance(found, BadRows):
         return found
     position, quaternions = found
-    child = str(context.derived.metadata.get("child_frame_id", "")).strip("/")
     transform = {
-        "header": context.header,
-        "child_frame_id": Constant(child),
+        "header": {**context.header, "frame_id": frames.parent(context)},
+        "child_frame_id": frames.child(context),
         "transform": {"translation": _xyz(position), "rotation": _xyzw(quaternions)},
     }
     count = len(context.rows)
@@ -194,20 +218,36 @@ def _imu(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadR
         quaternions = _oriented(context, values["orientation"], "orientation")
         if isinstance(quaternions, BadRows):
             return quaternions
-        found["orientation"], found["orientation_covariance"] = _xyzw(quaternions), Constant(_UNKNOWN)
+        found["orientation"] = _xyzw(quaternions)
+        found["orientation_covariance"] = _covariance(context, "orientation_covariance")
     for role in ("angular_velocity", "linear_acceleration"):
         found[role] = _xyz(values[role]) if role in values else zero
-        found[f"{role}_covariance"] = Constant(_UNKNOWN if role in values else NO_ESTIMATE)
+        covariance = f"{role}_covariance"
+        found[covariance] = _covariance(context, covariance) if role in values else Constant(NO_ESTIMATE)
     return found
 
 
 def _magnetic(context: Context, values: dict[str, Array]) -> dict[str, Column]:
     field = _xyz(values["magnetic_field"])
-    return {"header": context.header, "magnetic_field": field, "magnetic_field_covariance": Constant(_UNKNOWN)}
+    covariance = _covariance(context, "magnetic_field_covariance")
+    return {"header": context.header, "magnetic_field": field, "magnetic_field_covariance": covariance}
 
 
 def _temperature(context: Context, values: dict[str, Array]) -> dict[str, Column]:
-    return {"header": context.header, "temperature": values["temperature"], "variance": Constant(0.0)}
+    variance = context.details.get("variance")
+    said: Column = Constant(0.0)
+    if variance is not None:
+        said = np.where(variance.is_there, np.asarray(variance.values, np.float64).reshape(-1), 0.0)
+    return {"header": context.header, "temperature": values["temperature"], "variance": said}
+
+
+def _covariance(context: Context, role: str) -> Column:
+    """Return the covariance of what is measured: zeros, which mean that nobody knows, where the row has none."""
+    stated = context.details.get(role)
+    if stated is None:
+        return Constant(_UNKNOWN)
+    matrices = np.asarray(stated.values, np.float64).reshape(len(context.rows), 9)
+    return np.where(stated.is_there[:, None], matrices, 0.0)
 
 
 def _xyz(vectors: Array) -> dict[str, Array]:
@@ -219,7 +259,7 @@ def _xyzw(quaternions: Array) -> dict[str, Array]:
 
 
 _BUILDERS: Mapping[str, Build] = {
-    standard.JOINT_STATE: _joint_state,
+    standard.JOINT_STATE: joints.joint_state,
     standard.POSE: _pose,
     standard.TF: _transform,
     standard.TWIST: _twist,

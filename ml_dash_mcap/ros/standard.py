@@ -26,6 +26,8 @@ IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 TF = "tf2_msgs/msg/TFMessage"
 
+Shape = tuple[int, ...] | str
+
 _V3, _V4, _V6, _V7, _V16, _M33, _M44 = (3,), (4,), (6,), (7,), (16,), (3, 3), (4, 4)
 _ANY_VECTOR = "vector"
 _COLORS = "colors"
@@ -33,8 +35,9 @@ _DEPTH = "depth"
 _BYTES = "bytes"
 _PATH = "path"
 """A text that is the path of an image, where images are embedded."""
-
-Shape = tuple[int, ...] | str
+_TEXT = "text"
+_TEXTS = "texts"
+_COVARIANCE: tuple[Shape, ...] = ((9,), (3, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +90,50 @@ ROLES: Mapping[str, Mapping[str, Role]] = {
 ROLES = {**ROLES, TF: ROLES[POSE]}
 """Standard messages, to what fields can fill in them."""
 
+
+@dataclass(frozen=True, slots=True)
+class Detail:
+    """A part of a standard message that has a default, which a field can say better."""
+
+    names: tuple[str, ...]
+    """Those that the field has, the likeliest first."""
+    shapes: tuple[Shape, ...] = (_TEXT,)
+    """Those that it may have."""
+    of: str | None = None
+    """The role whose unit, squared, it is in."""
+
+
+FRAME, CHILD_FRAME = "frame_id", "child_frame_id"
+_FRAME = Detail((FRAME,))
+_HEADER = "header"
+
+DETAILS: Mapping[str, Mapping[str, Detail]] = {
+    JOINT_STATE: {"name": Detail(("joint_names", "names", "name"), (_TEXTS,))},
+    TF: {CHILD_FRAME: Detail((CHILD_FRAME,))},
+    IMU: {
+        f"{role}_covariance": Detail((f"{role}_covariance", *more), _COVARIANCE, role)
+        for role, more in {
+            "orientation": ("quat_covariance",),
+            "angular_velocity": ("gyro_covariance",),
+            "linear_acceleration": ("accel_covariance",),
+        }.items()
+    },
+    MAGNETIC: {
+        "magnetic_field_covariance": Detail(
+            ("magnetic_field_covariance", "mag_covariance"), _COVARIANCE, "magnetic_field"
+        )
+    },
+    TEMPERATURE: {"variance": Detail(("variance", "temperature_variance", "temp_variance"), ((),), "temperature")},
+    CAMERA_INFO: {
+        "distortion_model": Detail(("distortion_model",)),
+        "r": Detail(("R", "r"), (_M33, (9,))),
+        "p": Detail(("P", "p"), ((3, 4), (12,))),
+    },
+    IMAGE: {"encoding": Detail(("encoding",))},
+    COMPRESSED: {"format": Detail(("format",))},
+}
+"""Standard messages, to their details; whatever has a header has a frame too."""
+
 _ENOUGH: Mapping[str, Sequence[Sequence[str]]] = {
     JOINT_STATE: (("position",), ("velocity",), ("effort",)),
     POSE: (("position", "orientation"), ("pose",)),
@@ -117,6 +164,8 @@ class _Convention:
     """Role, to the names that a field for it has, the likeliest first."""
     shape: Shape | None = None
     """Which of the shapes of its roles it takes, if not all."""
+    is_named: bool = False
+    """Whether it must say the names of joints, because its fields may mean something else."""
 
 
 GRIPPER = "gripper"
@@ -126,6 +175,16 @@ _POSITIONS = ("q", "qpos", "joint_pos", "joint_position", "joint_positions")
 _VELOCITIES = ("qd", "dq", "qvel", "joint_vel", "joint_velocity", "joint_velocities")
 _EFFORTS = ("tau", "effort", "joint_torque", "joint_torques")
 CONVENTIONS = (
+    _Convention(
+        "joint_states",
+        JOINT_STATE,
+        {
+            "position": ("position", "positions", *_POSITIONS),
+            "velocity": ("velocity", "velocities", *_VELOCITIES),
+            "effort": ("effort", "efforts", *_EFFORTS),
+        },
+        is_named=True,
+    ),
     _Convention("joint_states", JOINT_STATE, {"position": _POSITIONS, "velocity": _VELOCITIES, "effort": _EFFORTS}),
     _Convention("joint_command", JOINT_STATE, {"position": ("target_q", "q_des", "q_cmd")}),
     _Convention(GRIPPER, JOINT_STATE, {"position": ("gripper", "gripper_pos", "gripper_width")}),
@@ -151,7 +210,7 @@ CONVENTIONS = (
     _Convention(
         "camera_info",
         CAMERA_INFO,
-        {"k": ("intrinsics", "K"), "d": ("dist",), "width": ("width",), "height": ("height",)},
+        {"k": ("intrinsics", "K", "k"), "d": ("dist", "D", "d"), "width": ("width",), "height": ("height",)},
     ),
     _Convention("image", IMAGE, {"data": ("rgb", "image")}, _COLORS),
     _Convention("depth", IMAGE, {"data": ("depth",)}, _DEPTH),
@@ -169,14 +228,20 @@ class Derived:
     """Of its messages."""
     fields: Mapping[str, tuple[Field, ...]]
     """Role, to the field that fills it: the way to it, from the row's own field inwards."""
+    message: Message
+    """Of the rows."""
+    details: Mapping[str, tuple[Field, ...]] = field(default_factory=dict)
+    """Detail, to the field that says it; rows may lack it."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
     """Of our topic: `frame_id`, `joint_names`, `quat_order`, `units`."""
     is_asked: bool = False
     """Whether the caller asked for it, rather than a convention."""
+    child: str = ""
+    """What a transform leads to where nobody says a frame."""
 
     def key(self, role: str) -> str:
         """Return the dotted name of a role's field."""
-        return ".".join(one.key for one in self.fields[role])
+        return ".".join(one.key for one in (self.fields.get(role) or self.details[role]))
 
 
 def derive(
@@ -215,14 +280,53 @@ def derive(
             if roles is not None and name not in taken:
                 taken.add(name)
                 said = metadata if convention.suffix != GRIPPER else _without_names(metadata)
-                found.append(Derived(name, convention.type, roles, said))
+                details = _details(message, convention.type, next(iter(roles.values()))[:-1])
+                found.append(Derived(name, convention.type, roles, message, details, said))
         for one in fields.values() if embeds else ():
             name = f"{base}/{_picture(one)}/compressed"
             if one.names_images and one.shape == () and name not in taken:
                 taken.add(name)
-                found.append(Derived(name, COMPRESSED, {"data": (*path, one)}, metadata))
+                details = _details(message, COMPRESSED, path)
+                found.append(Derived(name, COMPRESSED, {"data": (*path, one)}, message, details, metadata))
     poses = [one for one in found if one.type == POSE] if tf and "/tf" not in taken else []
-    return found + [Derived("/tf", TF, one.fields, {**metadata, "child_frame_id": one.topic}) for one in poses[:1]]
+    return found + [_transform(one) for one in poses[:1]]
+
+
+def _transform(pose: Derived) -> Derived:
+    """Return the transforms that say what a topic of poses says; the child is the topic, if nobody says another."""
+    details = _details(pose.message, TF, next(iter(pose.fields.values()))[:-1])
+    return Derived("/tf", TF, pose.fields, pose.message, details, pose.metadata, child=pose.topic)
+
+
+def _details(message: Message, type_: str, path: tuple[Field, ...]) -> dict[str, tuple[Field, ...]]:
+    """Return the fields that say details of a standard message, those beside its other fields first."""
+    found: dict[str, tuple[Field, ...]] = {}
+    for way in (path, ()):
+        level = _by_key((way[-1].message if way else None) or message)
+        for role, detail in {**DETAILS.get(type_, {}), FRAME: _FRAME}.items():
+            if role in found or (way != path and role != FRAME):
+                continue
+            one = next((level[name] for name in detail.names if name in level and _says(level[name], detail)), None)
+            header = level.get(_HEADER)
+            if one is not None:
+                found[role] = (*way, one)
+            elif role == FRAME and header is not None and header.message is not None and header.shape == ():
+                inner = _by_key(header.message).get(FRAME)
+                if inner is not None and _says(inner, detail):
+                    found[role] = (*way, header, inner)
+    return found
+
+
+def _by_key(message: Message) -> dict[str, Field]:
+    return {one.key: one for one in message.fields}
+
+
+def _says(one: Field, detail: Detail) -> bool:
+    if _TEXTS in detail.shapes:
+        return one.kind == "string" and one.shape is None
+    if _TEXT in detail.shapes:
+        return one.kind == "string" and one.shape == ()
+    return one.message is None and one.kind in ("float64", "int64", "uint64") and one.shape in detail.shapes
 
 
 def _picture(one: Field) -> str:
@@ -251,6 +355,12 @@ def _matching(
         if one is not None:
             roles[role] = (*path, one)
     if not any(set(group) <= set(roles) for group in _ENOUGH[convention.type]):
+        return None
+    if convention.is_named and not any(
+        name in fields and _says(fields[name], detail)
+        for detail in DETAILS[convention.type].values()
+        for name in detail.names
+    ):
         return None
     shapes = {way[-1].shape for way in roles.values()}
     if convention.type == JOINT_STATE and len(shapes) > 1 and None not in shapes:
@@ -294,11 +404,19 @@ def _asked(message: Message, topic: str, metadata: Mapping[str, Any], suffix: st
     if type_ not in ROLES:
         raise ConversionError(f"mapping of {suffix!r}: {said['type']!r} is none of {', '.join(sorted(ROLES))}")
     roles = {}
+    details = {}
     more = {key: said[key] for key in SAID if key in said}
     if isinstance(more.get("units"), Mapping) and isinstance(metadata.get("units"), Mapping):
         more["units"] = {**metadata["units"], **more["units"]}
     for role, key in said.items():
         if role == "type" or role in more:
+            continue
+        detail = DETAILS.get(type_, {}).get(role)
+        if detail is not None:
+            details[role] = _way(message, str(key), suffix)
+            if not _says(details[role][-1], detail):
+                what = describe(details[role][-1])
+                raise ConversionError(f"mapping of {suffix!r}: field {key!r} is {what}, which does not fit {role!r}")
             continue
         if role not in ROLES[type_]:
             raise ConversionError(f"mapping of {suffix!r}: {type_} has no {role!r}; it has {', '.join(ROLES[type_])}")
@@ -313,7 +431,8 @@ def _asked(message: Message, topic: str, metadata: Mapping[str, Any], suffix: st
         groups = " or ".join("+".join(group) for group in _ENOUGH[type_])
         raise ConversionError(f"mapping of {suffix!r}: {type_} needs {groups}")
     metadata = _without_names(metadata) if name.rpartition("/")[2] == GRIPPER else metadata
-    return Derived(name, type_, roles, {**metadata, **more}, is_asked=True)
+    details = {**_details(message, type_, next(iter(roles.values()))[:-1]), **details}
+    return Derived(name, type_, roles, message, details, {**metadata, **more}, is_asked=True, child=topic)
 
 
 def _without_names(metadata: Mapping[str, Any]) -> dict[str, Any]:

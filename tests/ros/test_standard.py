@@ -344,17 +344,88 @@ def test_a_topic_that_is_taken_cannot_be_asked_for(tmp_path: Path, topic: str) -
 # -- arrays whose length changes --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("field", "mapping"),
-    [("q", None), ("odd", {"t": {"joint_states": {"type": "sensor_msgs/JointState", "position": "odd"}}})],
-)
+ODD = {"t": {"joint_states": {"type": "sensor_msgs/JointState", "position": "odd"}}}
+LEFT = {"t": {"pose": {"type": "geometry_msgs/PoseStamped", "position": "odd", "orientation": "quat"}}}
+
+
+def joints(found: dict[str, list[Found]], topic: str = "/t/joint_states") -> list[Any]:
+    """Names and positions of each message."""
+    return [(one.message.name, one.message.position.tolist()) for one in found[topic]]
+
+
+@pytest.mark.parametrize(("field", "mapping"), [("q", None), ("odd", ODD)])
+def test_joints_may_change_from_message_to_message(tmp_path: Path, field: str, mapping: Any) -> None:
+    rows: list[Row] = [{field: [0.5, 0.5]}, {"x": 1}, {field: [0.5]}, {field: []}]
+    with pytest.warns(ConversionWarning, match="/t/joint_states: the number of joints changes, and nobody says their"):
+        found = messages(tmp_path, rows, mapping=mapping)
+    assert joints(found) == [(["joint1", "joint2"], [0.5, 0.5]), (["joint1"], [0.5]), ([], [])]
+
+
+def test_joints_that_change_have_the_names_of_their_row(tmp_path: Path) -> None:
+    rows: list[Row] = [
+        {"name": ["b", "a"], "position": [1.0, 2.0], "velocity": [3.0, 4.0], "effort": []},
+        {"name": ["c"], "position": [5], "velocity": [], "effort": [6.0]},
+        {"name": [], "position": [], "velocity": [], "effort": []},
+        {"name": ["d", "e", "ö"], "position": [7.0, 8.0, 9.0], "velocity": [], "effort": []},
+    ]
+    found = messages(tmp_path, rows, {"units": {"position": "deg"}})
+    degrees = math.pi / 180
+    assert joints(found) == [(row["name"], [degrees * angle for angle in row["position"]]) for row in rows]
+    assert [one.message.velocity.tolist() for one in found["/t/joint_states"]] == [[3.0, 4.0], [], [], []]
+    assert [one.message.effort.tolist() for one in found["/t/joint_states"]] == [[], [6.0], [], []]
+
+
+@pytest.mark.parametrize("key", ["name", "names", "joint_names"])
+def test_joints_have_the_names_that_the_row_says(tmp_path: Path, key: str) -> None:
+    rows: list[Row] = [{key: ["a", "b"], "q": [1.0, 2.0]}, {key: ["b", "a"], "q": [2.0, 1.0]}]
+    assert joints(messages(tmp_path, rows)) == [(["a", "b"], [1.0, 2.0]), (["b", "a"], [2.0, 1.0])]
+
+
+def test_what_is_said_of_a_topic_comes_before_the_names_in_its_rows(tmp_path: Path) -> None:
+    rows: list[Row] = [{"name": ["a", "b"], "q": [1.0, 2.0]}]
+    assert joints(messages(tmp_path, rows, {"joint_names": ["c", "d"]})) == [(["c", "d"], [1.0, 2.0])]
+
+
+def test_a_mapping_says_which_field_has_the_names(tmp_path: Path) -> None:
+    said = {"type": "sensor_msgs/JointState", "position": "odd", "name": "who"}
+    rows: list[Row] = [{"who": ["a"], "odd": [1.0]}, {"who": ["b", "c"], "odd": [1.0, 2.0]}]
+    found = messages(tmp_path, rows, mapping={"t": {"joint_states": said}})
+    assert joints(found) == [(["a"], [1.0]), (["b", "c"], [1.0, 2.0])]
+    with pytest.raises(ConversionError, match=r"field 'odd' is lists of float64 .* does not fit 'name'"):
+        export(tmp_path / "run", tmp_path / "other", mapping={"t": {"joint_states": {**said, "name": "odd"}}})
+
+
+def test_names_that_are_not_as_many_as_the_joints_are_told_and_not_used(tmp_path: Path) -> None:
+    rows: list[Row] = [{"name": ["a", "b"], "q": [1.0, 2.0]}, {"name": ["c"], "q": [1.0, 2.0]}, {"q": [1.0, 2.0]}]
+    with pytest.warns(ConversionWarning, match="field 'name' has other numbers of names than there are joints"):
+        found = messages(tmp_path, rows)
+    assert [names for names, _ in joints(found)] == [["a", "b"], ["joint1", "joint2"], ["joint1", "joint2"]]
+
+
+def test_joints_that_are_not_as_many_as_each_other_or_as_their_names_are_named_with_their_row(tmp_path: Path) -> None:
+    rows: list[Row] = [{"q": [1.0], "qd": [1.0]}, {"q": [1.0, 2.0], "qd": [1.0]}]
+    with pytest.raises(ConversionError, match=r"'t', row 1 .*'qd' has 1 values and 'q' has 2.*on_bad='lossless'"):
+        messages(tmp_path, rows, {"joint_names": ["a"]})
+    with pytest.raises(ConversionError, match=r"row 1 .*'q' has 2 values, and the topic's joint_names are 1"):
+        export(
+            tmp_path / "run",
+            tmp_path / "x",
+            mapping={"t": {"joint_states": {"type": "sensor_msgs/JointState", "position": "q"}}},
+        )
+    with pytest.warns(ConversionWarning, match="/t/joint_states lacks rows that it cannot say"):
+        bag = export(tmp_path / "run", tmp_path / "y", on_bad="lossless")
+    assert [one.topic for one in with_rosbags(bag)].count("/t/joint_states") == 1
+
+
+@pytest.mark.parametrize(("field", "mapping"), [("pos", None), ("odd", LEFT)])
 def test_an_array_whose_length_changes_is_named_with_its_row(tmp_path: Path, field: str, mapping: Any) -> None:
-    rows = [{field: [0.5, 0.5]}, {"x": 1}, {field: [0.5, 0.5]}, {field: [0.5]}]
+    rows: list[Row] = [{field: [0.5] * length, "quat": QUATERNION} for length in (3, 3, 2)]
+    rows.insert(1, {"x": 1})
     match = rf"topic 't', row 3 \(_ts=0\.03\): field '{field}' is lists of float64 whose length changes"
     with pytest.raises(ConversionError, match=match):
         messages(tmp_path, rows, mapping=mapping)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["run"]
-    with pytest.warns(ConversionWarning, match=match.replace("field", "/t/joint_states is left out: field")):
+    with pytest.warns(ConversionWarning, match=match.replace("field", "/t/pose is left out: field")):
         bag = export(tmp_path / "run", tmp_path / "bag", mapping=mapping, on_bad="lossless")
     assert [one.topic for one in with_rosbags(bag)] == ["/t"] * 4
 
@@ -367,9 +438,125 @@ def test_such_an_array_is_no_matter_where_no_message_needs_it(tmp_path: Path) ->
 
 
 def test_an_array_whose_length_changes_far_on_is_named_with_its_row(tmp_path: Path) -> None:
-    rows: list[Row] = [{"left": {"q": [float(number)] * (2 if number < 9000 else 3)}} for number in range(9001)]
-    with pytest.raises(ConversionError, match=r"topic 't', row 9000 \(_ts=.*\): field 'left\.q' is lists"):
+    rows: list[Row] = [
+        {"left": {"pos": [float(number)] * (3 if number < 9000 else 2), "quat": QUATERNION}} for number in range(9001)
+    ]
+    with pytest.raises(ConversionError, match=r"topic 't', row 9000 \(_ts=.*\): field 'left\.pos' is lists"):
         messages(tmp_path, rows)
+
+
+def test_joints_that_change_far_on_are_written_as_they_are(tmp_path: Path) -> None:
+    rows: list[Row] = [{"name": ["a", "b", "c"][:count], "q": [1.0] * count} for count in [2] * 9000 + [3]]
+    found = joints(messages(tmp_path, rows))
+    assert found[0] == (["a", "b"], [1.0, 1.0]) and found[9000] == (["a", "b", "c"], [1.0] * 3)
+
+
+# -- what a row says of what has a default ----------------------------------------------------------------------------
+
+
+def frames(found: dict[str, list[Found]], topic: str) -> list[str]:
+    return [one.message.header.frame_id for one in found[topic]]
+
+
+@pytest.mark.parametrize("said", [{"frame_id": "tool"}, {"header": {"frame_id": "tool", "seq": 3}}])
+def test_the_frame_is_that_of_the_row_unless_the_topic_has_one(tmp_path: Path, said: Row) -> None:
+    rows: list[Row] = [{"accel": [1.0, 2.0, 3.0], "left": {"mag": [1.0] * 3}, **said}, {"accel": [1.0, 2.0, 3.0]}]
+    found = messages(tmp_path, rows, frame_id="otherwise")
+    assert frames(found, "/t/imu") == ["tool", "otherwise"]
+    record(tmp_path / "two", {"t": rows}, {"t": {"frame_id": "base"}})
+    two = with_rosbags(export(tmp_path / "two", tmp_path / "bag2", profile="std"))
+    assert {one.message.header.frame_id for one in two if one.topic == "/t/imu"} == {"base"}
+
+
+def test_the_frame_of_the_row_is_that_of_what_is_nested_in_it(tmp_path: Path) -> None:
+    rows: list[Row] = [{"left": {"mag": [1.0] * 3}, "right": {"mag": [1.0] * 3, "frame_id": "own"}, "frame_id": "tool"}]
+    found = messages(tmp_path, rows)
+    assert (frames(found, "/t/left/mag"), frames(found, "/t/right/mag")) == (["tool"], ["own"])
+
+
+def transforms(found: dict[str, list[Found]]) -> list[tuple[str, str]]:
+    return [(inner.header.frame_id, inner.child_frame_id) for one in found["/tf"] for inner in one.message.transforms]
+
+
+POSE = {"ee_pos": [1.0, 2.0, 3.0], "ee_quat": QUATERNION}
+
+
+def test_transforms_without_a_parent_are_of_the_world_and_the_user_is_told(tmp_path: Path) -> None:
+    with pytest.warns(ConversionWarning, match=r"/tf: nobody says which frame .*'ee_pos' .* called 'world'"):
+        found = messages(tmp_path, [POSE, POSE], tf=True)
+    assert transforms(found) == [("world", "t/ee_pose")] * 2
+    assert frames(found, "/t/ee_pose") == ["", ""], "a header may have none"
+
+
+def test_transforms_have_the_frames_that_the_row_or_the_topic_says(tmp_path: Path) -> None:
+    rows: list[Row] = [{**POSE, "frame_id": "/base", "child_frame_id": "tool"}, {**POSE, "frame_id": "map"}]
+    assert transforms(messages(tmp_path, rows, tf=True)) == [("base", "tool"), ("map", "t/ee_pose")]
+
+
+def test_what_is_said_of_a_topic_names_the_child_of_its_transforms(tmp_path: Path) -> None:
+    said = {"frame_id": "base", "child_frame_id": "/tool"}
+    assert transforms(messages(tmp_path, [POSE], said, tf=True)) == [("base", "tool")]
+    mapping = {"t": {"/tf": {"type": "tf2_msgs/TFMessage", "position": "ee_pos", "orientation": "ee_quat"}}}
+    bag = export(tmp_path / "run", tmp_path / "again", mapping=mapping, profile="std")
+    assert transforms({"/tf": [one for one in with_rosbags(bag) if one.topic == "/tf"]}) == [("base", "tool")]
+    record(tmp_path / "plain", {"t": [POSE]})
+    bag = export(tmp_path / "plain", tmp_path / "third", mapping=mapping, profile="std", frame_id="map")
+    assert transforms({"/tf": [one for one in with_rosbags(bag) if one.topic == "/tf"]}) == [("map", "t")]
+
+
+def test_covariances_and_variances_are_those_of_the_row(tmp_path: Path) -> None:
+    covariance = [float(number) for number in range(9)]
+    rows: list[Row] = [
+        {
+            "accel": [1.0, 2.0, 3.0],
+            "linear_acceleration_covariance": covariance,
+            "gyro_covariance": covariance,
+            "mag": [1.0] * 3,
+            "mag_covariance": np.reshape(covariance, (3, 3)).tolist(),
+            "temperature": 1.0,
+            "variance": 4.0,
+        },
+        {"accel": [1.0, 2.0, 3.0], "mag": [1.0] * 3, "temperature": 1.0},
+    ]
+    found = messages(tmp_path, rows, {"units": {"accel": "g"}})
+    first, second = (one.message for one in found["/t/imu"])
+    assert first.linear_acceleration_covariance.tolist() == [9.80665**2 * number for number in covariance]
+    assert second.linear_acceleration_covariance.tolist() == [0.0] * 9
+    assert first.angular_velocity_covariance[0] == -1, "there is no angular velocity"
+    field = [one.message.magnetic_field_covariance.tolist() for one in found["/t/mag"]]
+    assert field == [pytest.approx([1e-12 * number for number in covariance]), [0.0] * 9]
+    assert [one.message.variance for one in found["/t/temp"]] == [4.0, 0.0]
+
+
+def test_a_camera_is_what_the_row_says(tmp_path: Path) -> None:
+    row = {
+        "K": [[1.0, 0.0, 2.0], [0.0, 3.0, 4.0], [0.0, 0.0, 1.0]],
+        "D": [0.1, 0.2, 0.3, 0.4],
+        "R": [0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0],
+        "P": [[1.0, 0.0, 2.0, 5.0], [0.0, 3.0, 4.0, 6.0], [0.0, 0.0, 1.0, 0.0]],
+        "distortion_model": "equidistant",
+        "header": {"frame_id": "lens"},
+    }
+    _, _, message = only(tmp_path, [row])
+    assert (message.distortion_model, message.d.tolist(), message.header.frame_id) == ("equidistant", row["D"], "lens")
+    assert message.r.tolist() == row["R"]
+    assert message.p.tolist() == [number for line in row["P"] for number in line]
+
+
+def test_pixels_are_in_the_encoding_that_the_row_says_if_they_can_be(tmp_path: Path) -> None:
+    rows: list[Row] = [{"rgb": [[[1, 2, 3]]], "encoding": name} for name in ("bgr8", "rgb8", "mono16")]
+    rows.append({"rgb": [[[1, 2, 3]]]})
+    with pytest.warns(ConversionWarning, match="field 'encoding' is 'mono16', which the pixels of 'rgb' are not"):
+        found = messages(tmp_path, rows)
+    assert [one.message.encoding for one in found["/t/image"]] == ["bgr8", "rgb8", "rgb8", "rgb8"]
+    assert {one.message.data.tobytes() for one in found["/t/image"]} == {b"\1\2\3"}
+
+
+def test_a_picture_has_the_format_that_the_row_says_if_it_is_one(tmp_path: Path) -> None:
+    jpeg, said = b"\xff\xd8\xff", "bgr8; jpeg compressed bgr8"
+    rows: list[Row] = [{"image": jpeg, "format": said}, {"image": jpeg, "format": "png"}, {"image": jpeg}]
+    found = messages(tmp_path, rows)
+    assert [one.message.format for one in found["/t/image/compressed"]] == [said, "jpeg", "jpeg"]
 
 
 # -- the sums ---------------------------------------------------------------------------------------------------------
