@@ -74,7 +74,7 @@ class Recording(Mapping[str, TopicReader]):
         on_damage: str = "raise",
         limits: Limits | None = None,
         definitions: Mapping[str, str | Path] | None = None,
-        on_unknown: str = "keep",
+        on_unknown: str = "bytes",
     ) -> None:
         """Open a recording.
 
@@ -86,7 +86,7 @@ class Recording(Mapping[str, TopicReader]):
             limits: How much memory the files may ask for; None for the defaults, which suit files from outside.
             definitions: ROS types to their definitions, as text or the path of a `.msg` or `.idl` file: of types that
                 the files do not define, or instead of what they say.
-            on_unknown: What comes of messages that cannot be decoded: "keep" for rows that have them as `data`, and an
+            on_unknown: What comes of messages that cannot be decoded: "bytes" for rows that have them as `data`, and an
                 UndecodedWarning; "skip" for no rows, and the warning; "raise" for an EncodingError where rows of that
                 topic are asked for, and a DamagedFileError where one message is not what its schema says.
 

@@ -11,7 +11,7 @@ from ..errors import OptionError
 from ..ros.message_types import canonical
 from ..ros.supply import Given
 
-ON_UNKNOWN = ("keep", "skip", "raise")
+ON_UNKNOWN = ("bytes", "skip", "raise")
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,15 +20,15 @@ class Decoding:
 
     definitions: Given = ()
     """ROS types, as `canonical` has them, and their definitions."""
-    on_unknown: str = "keep"
-    """What comes of messages that cannot be decoded: "keep" for rows that have them as `data`, "skip" for no rows,
+    on_unknown: str = "bytes"
+    """What comes of messages that cannot be decoded: "bytes" for rows that have them as `data`, "skip" for no rows,
     "raise" for an error."""
 
 
 DEFAULT = Decoding()
 
 
-def decoding(definitions: Mapping[str, str | Path] | None = None, on_unknown: str = "keep") -> Decoding:
+def decoding(definitions: Mapping[str, str | Path] | None = None, on_unknown: str = "bytes") -> Decoding:
     """Return what a caller wants, checked.
 
     Args:
