@@ -42,6 +42,7 @@ bench: $(VENV)/dev  ## measure beside the peers and write docs/benchmarks.md (ab
 	$(BIN)/python tools/bench_append.py --out docs/benchmarks.md
 	$(BIN)/python tools/bench_read.py --out docs/benchmarks.md
 	$(BIN)/python tools/bench_ros.py --out docs/benchmarks.md
+	$(BIN)/python tools/bench_bags.py --out docs/benchmarks.md
 	$(BIN)/python tools/bench_mocap.py --out docs/benchmarks.md
 
 clean:  ## remove what the targets made

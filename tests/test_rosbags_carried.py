@@ -570,3 +570,83 @@ def test_the_rest_of_a_bag_that_was_cut_is_there_where_wanted(tmp_path: Path) ->
         convert(tmp_path / "cut.bag", tmp_path / "run", on_damage="skip")
     with Recording(tmp_path / "run") as recording:
         assert recording.topics["/t"].count == len(rows)
+
+
+@pytest.mark.parametrize("is_chunked", [True, False])
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
+def test_all_that_an_mcap_file_has_is_carried(tmp_path: Path, compression: CompressionType, is_chunked: bool) -> None:
+    with (tmp_path / "in.mcap").open("wb") as stream:
+        writer = McapWriter(stream, compression=compression, use_chunking=is_chunked, chunk_size=2000)
+        writer.start(profile="ros2", library="another recorder")
+        schema = writer.register_schema("std_msgs/msg/UInt8", "ros2msg", b"uint8 data # of nothing")
+        metadata = {"offered_qos_profiles": "", "topic_type_hash": "RIHS01_1", "more": "of it"}
+        channels = [
+            writer.register_channel("/a", "cdr", schema, metadata),
+            writer.register_channel("/b", "cdr", schema),
+        ]
+        for number in range(1000):
+            time_ns = 5000 - number if number % 7 == 0 else 5000 + number
+            payload = bytes([0, 1, 0, 0, number % 256])
+            writer.add_message(channels[number % 3 == 0], time_ns, payload, 9000 + number, 3 * number)
+        writer.add_attachment(1, 2, "cal.json", "application/json", b"{}")
+        writer.add_metadata("mine", {"a": "b"})
+        writer.finish()
+    with Recording(convert(tmp_path / "in.mcap", tmp_path / "run")) as recording:
+        assert recording.attachments["cal.json"].read() == b"{}"
+        assert ("mine", {"a": "b"}) in recording.metadata
+        (copy,) = recording.segments
+        recording.export(tmp_path / "bag", format="rosbag2")
+    for path in (copy, tmp_path / "bag/bag_0.mcap"):
+        assert whole_records(path) == whole_records(tmp_path / "in.mcap")
+
+
+def whole_records(path: Path) -> list[Any]:
+    with path.open("rb") as stream:
+        found = make_reader(stream, validate_crcs=True).iter_messages(log_time_order=False)
+        return [
+            (channel.topic, channel.metadata.get("more"), schema and schema.data, *vars(message).values())
+            for schema, channel, message in ((one, two, without_channel(three)) for one, two, three in found)
+        ]
+
+
+def without_channel(message: Any) -> Any:
+    message.channel_id = 0  # the number of a channel is its file's own
+    return message
+
+
+@pytest.mark.parametrize("name", ["rosbag1/a-turtlesim-none.bag", "rosbag2/a-foxy-split5-sqlite3"])
+def test_rows_are_the_same_whether_they_are_made_by_the_conversion_or_when_asked_for(tmp_path: Path, name: str) -> None:
+    src = shared.file(name)
+    with Recording(convert(src, tmp_path / "kept")) as kept:
+        with Recording(convert(src, tmp_path / "rows", encoding="json")) as rows:
+            assert {rows.topics[topic].encoding for topic in rows.topics} == {"json"}
+            assert sorted(kept.topics) == sorted(rows.topics)
+            for topic in kept.topics:
+                assert list(kept[topic].rows()) == list(rows[topic].rows())
+
+
+def test_definitions_that_are_given_are_in_the_recording(tmp_path: Path) -> None:
+    src = shared.file("rosbag2/a-humble-turtlesim-sqlite3")
+    text = "float32 x\nfloat32 y\nfloat32 theta\nfloat32 linear_velocity\nfloat32 angular_velocity\n"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        convert(src, tmp_path / "run", definitions={"turtlesim/msg/Pose": text})
+        with Recording(tmp_path / "run") as recording:
+            assert recording["/turtle1/pose"].to_numpy()["x"].shape == (2245,)
+        with Recording(src, definitions={"turtlesim/Pose": text}) as recording:
+            assert "theta" in recording.topics["/turtle1/pose"].fields
+    with pytest.warns(ConversionWarning, match="turtlesim"), Recording(src, on_unknown="skip") as recording:
+        assert list(recording.topics) == ["/turtle1/cmd_vel"]
+
+
+def test_a_definition_that_is_given_for_a_part_of_a_type_goes_into_the_recording(tmp_path: Path) -> None:
+    with (tmp_path / "in.mcap").open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("a_msgs/msg/Outer", "ros2msg", b"a_msgs/Inner inner")
+        channel = writer.register_channel("/n", "cdr", schema)
+        writer.add_message(channel, 1, b"\0\1\0\0\7", 1)
+        writer.finish()
+    convert(tmp_path / "in.mcap", tmp_path / "run", definitions={"a_msgs/msg/Inner": "uint8 n\n"})
+    with Recording(tmp_path / "run") as recording:
+        assert [row["inner"] for row in recording["/n"].rows()] == [{"n": 7}]

@@ -101,3 +101,80 @@ def from_bag(bag: Path, dest: Path) -> int:
             count += 1
         writer.finish()
     return count
+
+
+JOINTS_TOPIC = "/joint_states"
+
+
+def write_bags(folder: Path, count: int) -> None:
+    """Write the same joint states with rosbags as three bags: rosbag2 in MCAP (zstd) and in SQLite, and ROS 1."""
+    import numpy as np
+    from rosbags.rosbag1 import Writer as Ros1Writer
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    newer, older = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
+    mcap = Writer(folder / "mcap", version=9, storage_plugin=StoragePlugin.MCAP)
+    mcap.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    sqlite = Writer(folder / "sqlite3", version=9, storage_plugin=StoragePlugin.SQLITE3)
+    rng = np.random.default_rng(7)
+    with mcap, sqlite, Ros1Writer(folder / "ros1.bag") as ros1:
+        outlets = [(one, one.add_connection(JOINTS_TOPIC, JOINTS, typestore=newer)) for one in (mcap, sqlite)]
+        connection = ros1.add_connection(JOINTS_TOPIC, JOINTS, typestore=older)
+        for number in range(count):
+            angle = np.sin(number / 1000 + np.arange(7)) + rng.normal(scale=1e-4, size=7)
+            time_ns = 1_700_000_000 * NS + number * 1_000_000
+            for store, head in ((newer, ()), (older, (number,))):
+                types = store.types
+                stamp = types["builtin_interfaces/msg/Time"](time_ns // NS, time_ns % NS)
+                header = types["std_msgs/msg/Header"](*head, stamp, "base")
+                message = types[JOINTS](header, NAMES, angle, 2 * angle, 3 * angle)
+                if store is older:
+                    ros1.write(connection, time_ns, older.serialize_ros1(message, JOINTS))
+                    continue
+                data = newer.serialize_cdr(message, JOINTS)
+                for writer, topic in outlets:
+                    writer.write(topic, time_ns, data)
+
+
+def decode_and_encode(bag: Path, dest: Path) -> int:
+    """Read each message with rosbags, decode it, encode it again and write it to a rosbag2 in MCAP."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    header = store.types["std_msgs/msg/Header"]
+    count = 0
+    writer = Writer(dest, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    with AnyReader([bag]) as reader, writer:
+        connection = writer.add_connection(JOINTS_TOPIC, JOINTS, typestore=store)
+        for one, time_ns, data in reader.messages():
+            message: Any = reader.deserialize(data, one.msgtype)
+            if not reader.is2:
+                message.header = header(message.header.stamp, message.header.frame_id)
+            writer.write(connection, time_ns, store.serialize_cdr(message, JOINTS))
+            count += 1
+    return count
+
+
+def copy_compressed(bag: Path, dest: Path) -> None:
+    """Send a bag's content, unpacked, through the compressor that recordings have, a MiB at a time."""
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader, get_chunk_data_stream
+
+    from ml_dash_mcap import RecorderOptions
+    from ml_dash_mcap.write.chunk import compressor
+
+    compress = compressor(RecorderOptions())
+    (file,) = [bag] if bag.is_file() else [one for one in bag.iterdir() if one.suffix in (".mcap", ".db3")]
+    with file.open("rb") as source, dest.open("wb") as out:
+        if file.suffix == ".mcap":
+            for record in StreamReader(source, emit_chunks=True).records:
+                if isinstance(record, Chunk):
+                    stream, size = get_chunk_data_stream(record)
+                    out.write(compress(memoryview(stream.read(size))))
+            return
+        while piece := source.read(1 << 20):
+            out.write(compress(memoryview(piece)))
