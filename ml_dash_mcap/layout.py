@@ -28,6 +28,7 @@ RUN_RECORD = "ml_dash.run"
 DROPS_RECORD = "ml_dash.drops"
 BAG_RECORD = "ml_dash.bag"
 """In files that were copied from a bag: what bag it was."""
+STEPS_RECORD = "ml_dash.steps_back"
 JOURNAL_RECORD = "ml_dash.journal"
 """In journal buffers only."""
 

@@ -245,20 +245,29 @@ class Recorder:
 
         Returns:
             `accepted` (rows offered), `written` (rows in the file, as they were appended), `waiting` (rows in the
-            journal), `dropped` (rows refused), `dropped_by_topic`, `bytes_written`, `segments` (finished ones),
-            `failure` (why nothing can be written at the moment, or None).
+            journal), `dropped` (rows refused), `dropped_by_topic`, `merged` (those of the written ones that became part
+            of another row of the same topic and time; the file has written - merged), `steps_back` (how often the time
+            of a row in the file lay more than 50 ms before that of the row appended to the topic before it),
+            `steps_back_by_topic`, `bytes_written`, `segments` (finished ones), `failure` (why nothing can be written at
+            the moment, or None).
         """
         written = self._writer.rows_written  # first: it grows only by rows that were taken
         with self._journal.lock:
             taken, dropped = self._journal.rows(), dict(self._journal.dropped)
         refused = sum(dropped.values())
         failure = self._writer.failure
+        steps = {
+            self._channels[number].topic: counts.steps for number, counts in list(self._blocks.steps.totals.items())
+        }
         return {
             "accepted": taken + refused,
             "written": written,
             "waiting": taken - written,
             "dropped": refused,
             "dropped_by_topic": dropped,
+            "merged": self._blocks.rows_merged,
+            "steps_back": sum(steps.values()),
+            "steps_back_by_topic": steps,
             "bytes_written": self._blocks.bytes_written,
             "segments": [str(path) for path in self._blocks.finished],
             "failure": None if failure is None else str(failure),

@@ -117,7 +117,8 @@ def _recover_session(folder: Path, lock: SessionLock) -> Recovered:
     rows = sum(len(leftover.starts) for leftover in pending)
     if rows or any(leftover.extras for leftover in pending):
         about = {"prefix": folder.name, "run": session, **about, "library": LIBRARY, "recovered": "true"}
-        finished += _fold_in(folder, about, pending, written, sequences)
+        last_ns = segments.last_times(folder, session, sequences)
+        finished += _fold_in(folder, about, pending, written, sequences, last_ns)
     if not is_copy:
         for buffer in buffers:
             buffer.unlink(missing_ok=True)
@@ -142,14 +143,20 @@ def _read_session(session_file: Path) -> dict[str, Any]:
 
 
 def _fold_in(
-    folder: Path, about: dict[str, str], pending: list[Leftover], written: int, sequences: dict[str, int]
+    folder: Path,
+    about: dict[str, str],
+    pending: list[Leftover],
+    written: int,
+    sequences: dict[str, int],
+    last_ns: dict[str, int],
 ) -> list[Path]:
     """Write buffers, in order, into a segment of their own."""
     channels: dict[int, ChannelInfo] = {}
     for leftover in pending:
         channels.update(leftover.channels)
     by_number = {number: sequences.get(info.topic, 0) for number, info in channels.items()}
-    blocks = BlockWriter(folder, RecorderOptions(), about, channels, written, by_number)
+    last_by_number = {number: last_ns[info.topic] for number, info in channels.items() if info.topic in last_ns}
+    blocks = BlockWriter(folder, RecorderOptions(), about, channels, written, by_number, last_by_number)
     for one in pending:
         data = np.frombuffer(bytearray(one.data), np.uint8)
         blocks.commit(blocks.prepare(Block(data, one.begin, one.end, one.starts, one.gaps, one.extras)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +11,12 @@ import numpy as np
 from mcap.records import Channel, ChunkIndex, MetadataIndex, Schema
 
 from ..errors import DamagedFileError
-from ..layout import ABOUT_RECORD, ACTIVE_SUFFIX, BLOCK_OPCODE, SEGMENT_SUFFIX
+from ..layout import ABOUT_RECORD, ACTIVE_SUFFIX, BLOCK_OPCODE, SEGMENT_SUFFIX, STEPS_RECORD
 from ..read import chunk as read_chunk
 from ..read import records as read
 from ..read.file import File
 from ..read.index import FileIndex
+from ..read.rows import LAST_NS
 from ..write import records
 from ..write.segment import Contents, Segment
 
@@ -213,3 +214,57 @@ def written_so_far(folder: Path, session: str) -> tuple[int, dict[str, int]]:
         finally:
             file.close()
     return blocks, rows
+
+
+def last_times(folder: Path, session: str, rows: Mapping[str, int]) -> dict[str, int]:
+    """Return the time of the last row that was appended to each topic and is in finished segments, in ns.
+
+    Args:
+        folder: The run's folder.
+        session: Whose segments, its newest ones.
+        rows: How many rows each topic has in them.
+    """
+    found: dict[str, int] = {}
+    wanted = {topic for topic, count in rows.items() if count}
+    for path in sorted(folder.glob(f"*{SEGMENT_SUFFIX}"), reverse=True):
+        if wanted <= found.keys():
+            break
+        try:
+            file = File(path)
+        except DamagedFileError:
+            continue
+        try:
+            if _run_named(file) == session:
+                found = {**_last_times_of(file, wanted - found.keys(), rows), **found}
+        except DamagedFileError:  # a step back between the two blocks is not counted, and nothing else is lost
+            continue
+        finally:
+            file.close()
+    return found
+
+
+def _run_named(file: File) -> str | None:
+    return next((record.values.get("run") for record in file.metadata() if record.name == ABOUT_RECORD), None)
+
+
+def _last_times_of(file: File, wanted: Collection[str], rows: Mapping[str, int]) -> dict[str, int]:
+    """Return the same of one file, for some topics; unpacks the last chunk of each.
+
+    Where rows merged, the last row in the file may not be the last one that was appended. Then the block has a record
+    that tells, which counts as long as no row of the topic came after that block.
+    """
+    found: dict[str, int] = {}
+    for record in file.metadata():
+        if record.name == STEPS_RECORD:
+            for topic, counts in json.loads(record.values["topics"]).items():
+                if counts["rows"] == rows.get(topic):
+                    found[topic] = int(counts["last_ns"])
+    numbers = {number: channel.topic for number, channel in file.index.channels.items()}
+    for chunk in reversed(file.index.chunks):  # finished files have an index for each
+        missing = {number for number, topic in numbers.items() if topic in wanted and topic not in found}
+        if not missing:
+            break
+        for messages in file.cut(chunk, sorted(missing & chunk.message_index_offsets.keys()), 0, LAST_NS):
+            if len(messages.offsets):
+                found[numbers[messages.channel_id]] = int(messages.times_ns[messages.offsets.argmax()])
+    return found

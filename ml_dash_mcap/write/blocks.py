@@ -18,7 +18,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.records import Metadata
 
 from .. import clock
-from ..layout import ACTIVE_SUFFIX, DROPS_RECORD, PARAMETERS_RECORD, SEGMENT_SUFFIX, TRACK
+from ..layout import ACTIVE_SUFFIX, DROPS_RECORD, PARAMETERS_RECORD, SEGMENT_SUFFIX, STEPS_RECORD, TRACK
 from ..options import RecorderOptions
 from ..rows import schema as schemas
 from ..rows.skeleton import Bones, Skeletons, guess
@@ -28,6 +28,7 @@ from .chunk import Compressor, build, compressor
 from .merging import merge_same_time
 from .rows import Block, Rows, pack, split
 from .segment import Segment
+from .steps import Steps
 
 _log = logging.getLogger("ml_dash_mcap")
 
@@ -48,6 +49,8 @@ class Prepared:
     rows: Rows | None
     splits: bool
     """Whether a new segment begins with it."""
+    merged: int = 0
+    """How many rows became part of others."""
 
 
 STAMP = "stamp"
@@ -68,6 +71,7 @@ class BlockWriter:
         channels: Mapping[int, ChannelInfo],
         first_block: int = 0,
         sequences: Mapping[int, int] | None = None,
+        last_ns: Mapping[int, int] | None = None,
     ) -> None:
         """Prepare; the first segment is made with the first block.
 
@@ -78,10 +82,15 @@ class BlockWriter:
             channels: The topics by number; others may add to it while this writes.
             first_block: Number of the first block with rows, where a recovery goes on.
             sequences: Rows that each topic has already, where a recovery goes on.
+            last_ns: The last time appended to each topic, in ns, where a recovery goes on.
         """
         self.folder = folder
         self.finished: list[Path] = []
         self.bytes_written = 0
+        self.rows_merged = 0
+        """Rows that became part of others of the same topic and time before they were written."""
+        self.steps = Steps(last_ns)
+        """What time stepping back did to each topic."""
         self.clock = "unknown"
         """epoch, relative (starts near 0), mixed or unknown: how the tracks' time stamps look."""
         self.first_block = first_block
@@ -117,9 +126,10 @@ class BlockWriter:
             return Prepared(extras, None, False)
         tracks = self._tracks()
         rows, splits = self._follow_clock(pack(block), tracks)
-        rows = merge_same_time(rows, tracks, self._classify(rows), self._keys_of)
-        rows.number(self._next_sequence(rows))
-        return Prepared(extras, rows, splits)
+        self.steps.look(rows, tracks)
+        merged = merge_same_time(rows, tracks, self._classify(rows), self._keys_of, self.steps.note_merged)
+        merged.number(self._next_sequence(merged))
+        return Prepared(extras, merged, splits, len(rows) - len(merged))
 
     def commit(self, prepared: Prepared) -> None:
         """Compress and write a prepared block.
@@ -135,6 +145,7 @@ class BlockWriter:
             del prepared.extras[0]
         if prepared.rows is not None:
             self._write_rows(prepared.rows)
+            self.rows_merged += prepared.merged
 
     def _tracks(self) -> npt.NDArray[np.bool_]:
         """Return, by channel id, whether it is a track, whose rows of the same time merge."""
@@ -176,12 +187,21 @@ class BlockWriter:
         segment = self._ensure_channels(rows)
         chunks = [build(part, self.compress) for part in split(rows, self._own_chunk_bytes)]
         before = segment.size
-        segment.add_block(chunks, self.first_block)
+        segment.add_block(chunks, self.first_block, STEPS_RECORD, self._steps_record(rows))
         self.bytes_written += segment.size - before
         self.first_block += 1
         for chunk in chunks:
             for number, count in chunk.counts.items():
                 self._sequences[number] = self._sequences.get(number, 0) + count
+        self.steps.commit()
+
+    def _steps_record(self, rows: Rows) -> bytes:
+        """Return what a block's metadata record tells about time that stepped back in it; empty if it did not."""
+        numbers, counts = np.unique(rows.channels, return_counts=True)
+        added = zip(numbers.tolist(), counts.tolist(), strict=True)
+        ends = {number: self._sequences.get(number, 0) + count for number, count in added}
+        topics = {number: self._channels[number].topic for number in ends}
+        return self.steps.record(self.first_block, topics, rows, ends)
 
     def _next_sequence(self, rows: Rows) -> npt.NDArray[np.uint32]:
         """Number each topic's rows on from its last one."""

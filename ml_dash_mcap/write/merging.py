@@ -25,6 +25,7 @@ def merge_same_time(
     mergeable: npt.NDArray[np.bool_],
     forms: npt.NDArray[np.int32],
     keys_of: Callable[[int, int], frozenset[str]],
+    note: Callable[[int, list[int], bool], None] = lambda channel, same, is_disjoint: None,
 ) -> Rows:
     """Merge the rows that share topic and time stamp; the same object comes back where there are none.
 
@@ -33,6 +34,7 @@ def merge_same_time(
         mergeable: By channel id, whether its rows merge (metrics and logs do not).
         forms: The form of each row, [N].
         keys_of: Gives the top-level keys of a channel's form.
+        note: Called with the channel, the numbers of the rows that become one, and whether no field is in two of them.
     """
     groups = _groups(rows, mergeable)
     if not groups:
@@ -59,6 +61,7 @@ def merge_same_time(
                 joined = merge.join_disjoint(parts, cuts if same is group else merge.cut(parts))
             else:
                 joined = merge.join(parts)
+            note(key[0], same, is_disjoint)
             payloads[same[0]] = (times[same[0]], joined)
             dropped += same[1:]
     if not payloads:

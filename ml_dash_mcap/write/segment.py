@@ -196,11 +196,21 @@ class Segment:
         self._write(record)
         self.contents.add_metadata(name, at, len(record))
 
-    def add_block(self, chunks: Sequence[Chunk], number: int) -> None:
-        """Write a block's chunks with their message indexes, and what says that these are all, in one call."""
+    def add_block(self, chunks: Sequence[Chunk], number: int, name: str = "", metadata: bytes = b"") -> None:
+        """Write a block's chunks with their message indexes, and what says that these are all, in one call.
+
+        Args:
+            chunks: Of the block.
+            number: Of the block.
+            name: Of its metadata record.
+            metadata: That record, which goes before the chunks; empty if the block has none.
+        """
         at = self.size
         pieces = [piece for chunk in chunks for piece in (chunk.head, chunk.data, *chunk.indexes.values())]
-        self._write(*pieces, records.block_end(number))
+        self._write(metadata, *pieces, records.block_end(number))
+        if metadata:
+            self.contents.metadata.append(MetadataIndex(offset=at, length=len(metadata), name=name))
+            at += len(metadata)
         for chunk in chunks:
             at = self.contents.add_chunk(chunk, at)
 
