@@ -302,7 +302,7 @@ class Recording(Mapping[str, TopicReader]):
         return gaps.find(self._opened(), topic, longer_than_s)
 
     def check(self, topics: Iterable[str] | None = None) -> Report:
-        """Look for gaps, late and irregular rows, missing sequence numbers, drops, clocks that were set, and damage.
+        """Look for damage, drops, missing sequence numbers, clocks that were set or began again, gaps and late rows.
 
         Reads every chunk that holds one of the topics, so that its checksum is verified, and decodes no row.
 
@@ -310,7 +310,7 @@ class Recording(Mapping[str, TopicReader]):
             topics: Names; None for all that hold rows of a robot.
 
         Returns:
-            What was found; true if that is nothing.
+            What was found, the worst first; true if there is nothing to act on.
 
         Raises:
             NotFoundError: There is no such topic; also a KeyError.

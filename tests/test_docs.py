@@ -17,8 +17,9 @@ from ml_dash_mcap import errors, layout, options
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.read.attachments import Attachment, Attachments
 from ml_dash_mcap.read.episodes import Episode
-from ml_dash_mcap.read.findings import Finding, Report
+from ml_dash_mcap.read.findings import Finding, Occurrence, Report
 from ml_dash_mcap.read.gaps import Gap
+from ml_dash_mcap.read.spacings import Spacings
 from ml_dash_mcap.read.topics import TopicInfo
 from ml_dash_mcap.recording import TopicReader
 from ml_dash_mcap.run.episodes import OpenEpisode
@@ -44,7 +45,7 @@ CLASSES = [
     *(found for found in EXPORTED if inspect.isclass(found)),
     *(Run, Tracks, Track, TrackSlice, Metrics, Metric, Parameters, Logs, Files),
     *(SessionTrack, SessionFiles, SessionFile, TopicReader, TopicInfo, Attachment, Attachments),
-    *(Gap, Report, Finding, OpenEpisode, Episode),
+    *(Gap, Report, Finding, Occurrence, Spacings, OpenEpisode, Episode),
 ]
 """What is exported, and what that returns."""
 

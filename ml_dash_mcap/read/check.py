@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from ..errors import DamagedFileError
 from ..layout import DROPS_RECORD
-from . import judge, written
+from . import judge, passes, written
 from .file import File
-from .findings import KINDS, Finding, Report, rows_said
+from .findings import KINDS, SEVERITIES, Finding, Gathering, Occurrence, Report
+from .words import rows_said
 from .written import Written
 
 _NAMED = 3
@@ -27,18 +28,25 @@ def check(files: Sequence[File], topics: Iterable[str], *, has_all: bool) -> Rep
     names = list(topics)
     met: list[DamagedFileError] = []
     by_topic = written.read(files, names, met)
+    counted = passes.counted(files)
     found = [*_damage(files, met), *_drops(files, None if has_all else names), *_two_clocks(by_topic)]
+    measured = []
     for topic in names:
-        found += judge.topic(topic, by_topic[topic])
-    found.sort(key=lambda one: (one.topic is not None, one.topic, KINDS.index(one.kind), one.time or 0.0))
-    return Report(tuple(found), tuple(names))
+        findings, spacings = judge.topic(topic, by_topic[topic], counted)
+        found += findings
+        measured += [] if spacings is None else [spacings]
+    found.sort(key=lambda one: (SEVERITIES.index(one.severity), KINDS.index(one.kind), one.topic or ""))
+    return Report(tuple(found), tuple(names), tuple(measured))
 
 
 def _damage(files: Sequence[File], met: Sequence[DamagedFileError]) -> list[Finding]:
     """Return what is broken: what the indexes know, and what reading met."""
     texts = [str(error) for error in met]
     texts += [f"{loss.path}, byte {loss.offset}: {loss.what}" for file in files for loss in file.losses]
-    return [Finding(None, "damage", None, text) for text in dict.fromkeys(texts)]
+    gathered = Gathering(None)
+    for text in dict.fromkeys(texts):
+        gathered.add("damage", Occurrence(None, text))
+    return gathered.all()
 
 
 def _drops(files: Sequence[File], topics: Sequence[str] | None) -> list[Finding]:
@@ -54,11 +62,15 @@ def _drops(files: Sequence[File], topics: Sequence[str] | None) -> list[Finding]
     totals: dict[str, int] = {}
     for (_, topic), count in last.items():
         totals[topic] = totals.get(topic, 0) + count
-    return [
-        Finding(topic, "drops", None, f"{rows_said(count)} refused, because the recorder's backlog was full")
-        for topic, count in totals.items()
-        if count and (topics is None or topic in topics)
-    ]
+    refused = {topic: count for topic, count in totals.items() if count and (topics is None or topic in topics)}
+    return [finding for topic, count in refused.items() for finding in _refused(topic, count)]
+
+
+def _refused(topic: str, count: int) -> list[Finding]:
+    gathered = Gathering(topic)
+    what = f"{rows_said(count)} refused, because the recorder's backlog was full"
+    gathered.add("drops", Occurrence(None, what, count, count))
+    return gathered.all()
 
 
 def _count(text: str) -> int:
@@ -77,7 +89,9 @@ def _two_clocks(by_topic: Mapping[str, Sequence[Written]]) -> list[Finding]:
     if not near_0 or not wall:
         return []
     what = f"two kinds of clocks: near 0 on {_listed(near_0)}, wall-clock time on {_listed(wall)}"
-    return [Finding(None, "clock", None, what)]
+    gathered = Gathering(None)
+    gathered.add("clock", Occurrence(None, what))
+    return gathered.all()
 
 
 def _listed(topics: Sequence[str]) -> str:

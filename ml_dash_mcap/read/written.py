@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import DamagedFileError
-from ..layout import ABOUT_RECORD
+from ..layout import ABOUT_RECORD, KIND_KEY, TRACK
 from . import ahead, chunk_table, rows
 from .chunk import Messages
 from .file import File
@@ -24,6 +24,8 @@ class Written:
     """Names the recorder: what its segments say, or else the file's path."""
     is_ours: bool
     """Whether the recorder was one of this library, which numbers a topic's rows one by one."""
+    merges: bool
+    """Whether its rows of one time are one row when they are read."""
     times_ns: npt.NDArray[np.uint64]
     """Log times, [N]."""
     sequences: npt.NDArray[np.uint32]
@@ -35,6 +37,7 @@ class _Part:
     """Messages of one topic in one chunk."""
 
     topic: str
+    merges: bool
     times_ns: npt.NDArray[np.uint64]
     sequences: npt.NDArray[np.uint32]
 
@@ -58,7 +61,9 @@ def read(files: Sequence[File], topics: Collection[str], damage: list[DamagedFil
     found: dict[str, list[Written]] = {topic: [] for topic in topics}
     for (topic, name, is_ours), parts in by_run.items():
         times = np.concatenate([part.times_ns for part in parts])
-        found[topic].append(Written(name, is_ours, times, np.concatenate([part.sequences for part in parts])))
+        merges = is_ours and all(part.merges for part in parts)
+        sequences = np.concatenate([part.sequences for part in parts])
+        found[topic].append(Written(name, is_ours, merges, times, sequences))
     return found
 
 
@@ -102,10 +107,14 @@ def _parts_of(file: File, chunk: Chunk, wanted: Mapping[int, str]) -> list[_Part
     by_topic: dict[str, list[Messages]] = {}
     for one in cuts:
         by_topic.setdefault(wanted[one.channel_id], []).append(one)
-    return [_joined(topic, same) for topic, same in by_topic.items()]
+    channels = file.index.channels
+    return [
+        _joined(topic, all(channels[one.channel_id].metadata.get(KIND_KEY) == TRACK for one in same), same)
+        for topic, same in by_topic.items()
+    ]
 
 
-def _joined(topic: str, cuts: Sequence[Messages]) -> _Part:
+def _joined(topic: str, merges: bool, cuts: Sequence[Messages]) -> _Part:
     order = np.argsort(np.concatenate([one.offsets for one in cuts]))
     times = np.concatenate([one.times_ns for one in cuts])
-    return _Part(topic, times[order], np.concatenate([one.sequences for one in cuts])[order])
+    return _Part(topic, merges, times[order], np.concatenate([one.sequences for one in cuts])[order])
