@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -17,23 +15,15 @@ from mcap.reader import NonSeekingReader, SeekingReader
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.topic import EventTopic
-from tests.support import disk
+from tests.support import disk, node_program
 
 NODE = Path(__file__).parent / "support" / "node"
 
 
 @pytest.fixture(scope="session")
-def reader_program(tmp_path_factory: pytest.TempPathFactory, pytestconfig: pytest.Config) -> Path:
+def reader_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The program with its packages, installed once."""
-    if (shutil.which("node") is None or shutil.which("npm") is None) and not os.environ.get("CI"):
-        pytest.skip("node and npm are not installed; the viewers' own reader is not asked")
-    place = tmp_path_factory.mktemp("node")
-    for name in ("package.json", "package-lock.json", "read_mcap.mjs"):
-        shutil.copy(NODE / name, place)
-    command = ["npm", "ci", "--no-audit", "--no-fund", "--prefer-offline"]
-    installed = subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=110)
-    assert installed.returncode == 0, installed.stderr
-    return place / "read_mcap.mjs"
+    return node_program.install(NODE / "read_mcap.mjs", tmp_path_factory.mktemp("node"))
 
 
 def record(folder: Path, options: RecorderOptions) -> dict[str, int]:

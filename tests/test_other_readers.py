@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -12,10 +11,9 @@ from typing import Any
 import pytest
 
 from ml_dash_mcap import Experiment, RecorderOptions
-from tests.support import disk
+from tests.support import disk, node_program
 
 NODE_SOURCES = Path(__file__).parent / "support" / "node"
-INSTALL_S = 240
 
 compressions = pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 
@@ -134,27 +132,10 @@ def test_the_chunks_are_compressed_as_was_asked(tmp_path: Path, compression: str
 @pytest.fixture(scope="session")
 def read_in_node(tmp_path_factory: pytest.TempPathFactory) -> ReadInNode:
     """What reads files with @mcap/core, installed for this session."""
-    node, npm = shutil.which("node"), shutil.which("npm")
-    if node is None or npm is None:
-        pytest.skip("node and npm are not installed")
-    home = tmp_path_factory.mktemp("node")
-    for name in ("package.json", "package-lock.json", "read_mcap.mjs"):
-        shutil.copy(NODE_SOURCES / name, home / name)
-    said = []
-    for words in ("ci", "install"):
-        done = subprocess.run(
-            [npm, words, "--no-audit", "--no-fund"], cwd=home, capture_output=True, text=True, timeout=INSTALL_S / 2
-        )
-        if done.returncode == 0:
-            break
-        said.append(done.stderr)
-    else:
-        pytest.fail("the JavaScript reader could not be installed:\n" + "\n".join(said))
+    program = node_program.install(NODE_SOURCES / "read_mcap.mjs", tmp_path_factory.mktemp("node"))
 
     def read(*paths: Path) -> list[Report]:
-        done = subprocess.run(
-            [node, str(home / "read_mcap.mjs"), *map(str, paths)], capture_output=True, text=True, timeout=60
-        )
+        done = subprocess.run(["node", str(program), *map(str, paths)], capture_output=True, text=True, timeout=60)
         assert (done.returncode, done.stderr) == (0, "")
         return [json.loads(line) for line in done.stdout.splitlines()]
 

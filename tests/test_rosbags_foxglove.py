@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
 import subprocess
 import warnings
 from pathlib import Path
@@ -12,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from tests.support import node_program
 from tests.support.bags import export, record, robot_rows
 
 NODE = Path(__file__).parent / "support" / "node_ros"
@@ -21,16 +20,7 @@ SECOND = {"stamp": {"sec": 1, "nanosec": 0}, "frame_id": ""}
 @pytest.fixture(scope="session")
 def reader_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The program with its packages, installed once."""
-    if (shutil.which("node") is None or shutil.which("npm") is None) and not os.environ.get("CI"):
-        pytest.skip("node and npm are not installed; the viewers' own readers are not asked")
-    place = tmp_path_factory.mktemp("node_ros")
-    for path in NODE.iterdir():
-        if path.is_file():
-            shutil.copy(path, place)
-    command = ["npm", "ci", "--no-audit", "--no-fund", "--prefer-offline"]
-    installed = subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=110)
-    assert installed.returncode == 0, installed.stderr
-    return place / "read_bags.mjs"
+    return node_program.install(NODE / "read_bags.mjs", tmp_path_factory.mktemp("node_ros"))
 
 
 def read(program: Path, *bags: Path) -> list[dict[str, Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import subprocess
@@ -14,6 +15,20 @@ PYTHON = "/usr/bin/python3"
 PROGRAMS = Path(__file__).parent / "ros"
 
 
+@functools.cache
+def is_here() -> bool:
+    """Whether anything of ROS is there to judge; in CI it must be."""
+    return bool(os.environ.get("CI")) or any(map(_imports, ("rosbag", "rosidl_adapter")))
+
+
+def _imports(*modules: str) -> bool:
+    try:
+        done = subprocess.run([PYTHON, "-c", f"import {', '.join(modules)}"], capture_output=True, timeout=60)
+    except OSError:
+        return False
+    return done.returncode == 0
+
+
 def run(program: str, *arguments: str | Path, needs: tuple[str, ...], package: str) -> Any:
     """Run one of the programs and return the JSON object that it prints in its last line.
 
@@ -23,12 +38,7 @@ def run(program: str, *arguments: str | Path, needs: tuple[str, ...], package: s
         needs: Modules that it imports; the test is skipped where they are not installed, unless this is CI.
         package: Debian's package of them.
     """
-    try:
-        there = subprocess.run([PYTHON, "-c", f"import {', '.join(needs)}"], capture_output=True, timeout=60)
-        is_there = there.returncode == 0
-    except OSError:
-        is_there = False
-    if not is_there and not os.environ.get("CI"):
+    if not os.environ.get("CI") and not _imports(*needs):
         pytest.skip(f"Debian's {package} is not installed; ROS's own code is not asked")
     command = [PYTHON, str(PROGRAMS / program), *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=100)
