@@ -235,6 +235,19 @@ def test_the_architecture_names_every_metadata_record_and_own_topic() -> None:
 # The pages
 
 
+@pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "tutorial.md"], ids=ids)
+def test_the_line_that_installs_the_package_is_that_of_its_build(page: Path) -> None:
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    name = re.search(r'^name = "(.+)"$', project, re.MULTILINE)[1]  # type: ignore[index]
+    pythons = re.findall(r'"Programming Language :: Python :: (3\.\d+)"', project)
+    line = f"pip install {name}    # or `pip install .` in a clone"
+    assert line in text_of(page)
+    assert f"Python {pythons[0]} to {pythons[-1]}" in text_of(page)
+    extras = re.search(r"^\[project.optional-dependencies\]$(.*?)^\[", project, re.MULTILINE | re.DOTALL)[1]  # type: ignore[index]
+    for extra in re.findall(rf"{name}\[(\w+)\]", text_of(page)):
+        assert re.search(rf"^{extra} = ", extras, re.MULTILINE), extra
+
+
 def anchors(page: Path) -> set[str]:
     """Return what links can lead to in a page, by GitHub's rule."""
     text = without_blocks(text_of(page))
