@@ -17,6 +17,10 @@ class Tree:
 
     children: dict[str, str | Tree] = field(default_factory=dict)
 
+    def renamed(self, names: Mapping[str, str]) -> Tree:
+        """Return the same tree with other names for some of its own keys."""
+        return Tree({names.get(key, key): inner for key, inner in self.children.items()})
+
     def put(self, path: Sequence[str], column: str) -> None:
         """Give a column a place."""
         if len(path) == 1:

@@ -111,7 +111,9 @@ class Layout:
         names = [FIELD_PREFIX + field.name if field.name == self._time_name else field.name for _, field, _ in made]
         columns = dict(zip(free_names(names), made, strict=True))
         literal = {FIELD_PREFIX + self._time_name, *self._literal}
-        tree = nesting.tree(columns, columns if self._flat else literal)
+        tree = nesting.tree(columns, columns if self._flat else literal).renamed(
+            {self._time_name: FIELD_PREFIX + self._time_name}
+        )
         time_type = pa.timestamp("ns", tz="UTC") if self._time_name == WALL_CLOCK else pa.int64()
         times = [
             pa.field(TIME_KEY, pa.float64(), nullable=False, metadata={UNIT_KEY: b"s"}),

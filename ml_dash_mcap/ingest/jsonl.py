@@ -109,9 +109,13 @@ class _File:
                 self._append(topic, waiting)
                 counter.add(len(waiting))
                 waiting, size = [], 0
-        topic = topic or self._open([row for _, row in waiting])
-        self._append(topic, waiting)
-        counter.add(len(waiting))
+        if topic is None and not waiting:
+            what = f"{self._path}: the file has no rows, so there is no topic of it"
+            warnings.warn(what, ConversionWarning, stacklevel=4)
+        else:
+            topic = topic or self._open([row for _, row in waiting])
+            self._append(topic, waiting)
+            counter.add(len(waiting))
         if self._left_out:
             warnings.warn(
                 f"{self._path}: {self._left_out} lines without a row or a time were left out",

@@ -117,6 +117,9 @@ def record(file: TableFile, name: str, recorder: Recorder, options: TableOptions
     for batch in file.batches():
         intake.add(batch)
         counter.add(batch.num_rows)
+    if not intake.rows:
+        what = f"{file.path}: the table has no rows, so there is no topic of it"
+        warnings.warn(what, ConversionWarning, stacklevel=4)
     if intake.left_out:
         warnings.warn(
             f"{file.path}: {intake.left_out} rows without a time were left out", ConversionWarning, stacklevel=4
@@ -128,7 +131,7 @@ class _Intake:
 
     def __init__(self, file: TableFile, options: TableOptions) -> None:
         self._file, self._options = file, options
-        self._rows = 0
+        self.rows = 0
         self.left_out = 0
 
     def _timed(
@@ -138,8 +141,8 @@ class _Intake:
         if self._options.start:
             times = times + self._options.start
         good = table_times.are_times(times)
-        first = self._rows
-        self._rows += batch.num_rows
+        first = self.rows
+        self.rows += batch.num_rows
         if good.all():
             return batch, times + 0.0
         if self._options.on_bad == "raise":

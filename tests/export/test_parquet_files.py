@@ -297,3 +297,15 @@ def test_a_range_without_rows_gives_a_table_without_rows(tmp_path: Path) -> None
 def test_flatten_is_a_switch(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="pass True or False"):
         exported(recording(tmp_path, steps(1, n=1)), flatten="yes")
+
+
+def test_a_dict_called_like_the_column_of_instants_does_not_share_its_name(tmp_path: Path) -> None:
+    stamp = {"secs": 1, "nsecs": 2}
+    rec = recording(tmp_path, steps(2, 1.7e9, timestamp=stamp, x=1))
+    path = exported(rec)
+    table = pq.read_table(path)
+    assert table.column_names == ["_ts", "timestamp", "fields.timestamp", "x"]
+    assert table["fields.timestamp"].to_pylist() == [stamp, stamp]
+    assert pd.read_parquet(path)["fields.timestamp"].tolist() == [stamp, stamp]
+    with Recording(path) as back:
+        assert [row["timestamp"] for row in back["robot"].rows()] == [stamp, stamp]

@@ -75,6 +75,13 @@ def test_what_is_no_row_can_be_left_out(tmp_path: Path) -> None:
     assert [row["x"] for row in rows(tmp_path / "run")] == [1, 3]
 
 
+def test_a_file_without_rows_says_so(tmp_path: Path) -> None:
+    with pytest.warns(ConversionWarning, match=r"table\.jsonl: the file has no rows"):
+        convert(written(tmp_path, "", ""), tmp_path / "run")
+    with Recording(tmp_path / "run") as recording:
+        assert list(recording.topics) == []
+
+
 def test_options_say_what_the_file_does_not(tmp_path: Path) -> None:
     path = written(tmp_path, {"when": 500, "_ts": 1, "x": 2})
     convert(path, tmp_path / "run", time_column="when", time_unit="ms", topic="arm", start=1.0)

@@ -529,6 +529,14 @@ def test_one_topic_cannot_name_several_files(tmp_path: Path) -> None:
         convert(tmp_path / "in", tmp_path / "run", topic="x")
 
 
+def test_a_table_without_rows_says_so(tmp_path: Path) -> None:
+    path = written(tmp_path, {"time": pa.array([], pa.float64()), "x": pa.array([], pa.int64())})
+    with pytest.warns(ConversionWarning, match=r"table\.parquet: the table has no rows, so there is no topic of it"):
+        convert(path, tmp_path / "run")
+    with Recording(tmp_path / "run") as recording:
+        assert list(recording.topics) == []
+
+
 def test_a_topic_can_be_named(tmp_path: Path) -> None:
     convert(written(tmp_path, {"time": [0.0], "x": [1]}), tmp_path / "run", topic="arm")
     with Recording(tmp_path / "run") as recording:
