@@ -1,30 +1,33 @@
-"""C3D files, read by ezc3d: markers, rotations of bodies, analog channels."""
+"""C3D files: markers, model outputs, rotations of bodies, analog channels."""
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, cast
 
 import numpy as np
 
-from ..errors import ForeignFileError, FormatError
+from ..errors import ConversionWarning, ForeignFileError
 from ..mocap import placement
 from ..mocap.objects import MARKERS_TOPIC
-from ..mocap.placement import Note, Placement
-from ..mocap.space import DECIMALS, UNITS, turned, turned_rotations, unit_of
+from ..mocap.placement import Note
+from ..mocap.space import DECIMALS, turned, turned_rotations, unit_of
 from ..recorder import Recorder
 from ..rows import rotations
-from . import Progress
+from . import Progress, c3d_frames, c3d_layout, c3d_parameters
+from .c3d_frames import Data, Frames
+from .c3d_layout import Layout
+from .c3d_parameters import Head
 from .cells import Floats
-from .headers import distinct
+from .headers import check_on_bad, unit_of_length
 from .tracks import Arrays
-from .trc import marker
 
 GROUP = "ML_DASH"
 _MAGIC = 0x50
 _ROWS = 4096
-_BIG_ENDIAN = bytes((86,))
-"""What files of MIPS machines have as their processor."""
 
 
 def detect(path: Path) -> str | None:
@@ -40,133 +43,160 @@ def record(
     recorder: Recorder,
     *,
     progress: Progress | None = None,
+    on_bad: str = "raise",
     start: float | None = None,
     topic: str = MARKERS_TOPIC,
+    length_units: str | None = None,
 ) -> None:
     """Append a C3D file, in metres: one topic with `markers` by name; `set:name` is a marker of the topic `set`.
 
-    Rotations are topics with `pos` and `quat`. Analog channels are fields of the topic `analog`, at their own rate. A
-    file that this library wrote becomes the topics and fields that it was written from, to float32.
+    Points that the file names as angles, forces, moments, powers or scalars are fields of the topic `model_outputs`, in
+    the unit of the file. Rotations are topics with `pos` and `quat`. Analog channels are fields of the topic `analog`,
+    at their own rate, in their own units. A file that this library wrote becomes the topics and fields that it was
+    written from, to float32.
 
     Args:
         src: The file.
         recorder: Where its rows go.
         progress: Called now and then with the rows done and the rows in all.
+        on_bad: What to do with a file that ends too early: "raise", or "missing" to read what it has and warn.
         start: The time stamp of its first frame, in s; the file does not say it.
         topic: The topic of markers that belong to no set.
+        length_units: Of the file, instead of what it says.
 
     Raises:
         ForeignFileError: The file is damaged, or its unit is not known.
-        FormatError: The extra `c3d` is not installed.
     """
-    file = _open(src)
-    said, data = file["parameters"], file["data"]
-    points = np.asarray(data["points"], np.float64)
-    count, hz = points.shape[2], _rate(src, said, "POINT")
-    unit = _unit(src, said)
-    matrices = np.asarray(data["rotations"], np.float64)
-    has_rotations = matrices.ndim == 4 and matrices.shape[2:] == (matrices.shape[2], count)
-    poses = matrices.transpose(3, 2, 0, 1) if has_rotations else np.empty((count, 0, 4, 4))
-    analogs = np.asarray(data["analogs"], np.float64)
-    sub_frames = analogs.shape[2] // count if count else 0
-    frames = _frames(src)
-    if count < frames:
-        raise ForeignFileError(src, f"it is no whole C3D file: it has {count} of {frames} frames")
-    width = 3 * points.shape[1] + 4 * poses.shape[1] + analogs.shape[1]
-    note = _note(said, width) if sub_frames <= 1 else None
-    places = points[:3].transpose(2, 1, 0).copy()  # [N, M, 3]
-    places[(np.asarray(data["meta_points"]["residuals"])[0] < 0).T] = np.nan
-    numbers = np.concatenate((places.reshape(count, -1), _turns(poses)), axis=1)
-    origin = start if start is not None else note.origin if note else 0.0
-    times = origin + np.arange(count) / hz
-    labels = _labels(said, "POINT", points.shape[1], "point")
-    bodies = _labels(said, "ROTATION", poses.shape[1], "body")
-    channels = _labels(said, "ANALOG", analogs.shape[1], "channel")
-    if note:
-        numbers = np.concatenate((numbers, analogs[0].T.reshape(count, -1)), axis=1)
-        _restore(numbers, note, len(labels), len(bodies), unit)
-        found, metadata, channels = list(note.placements), note.metadata, []
+    check_on_bad(on_bad)
+    if not src.stat().st_size:
+        raise ForeignFileError(src, "it is no whole C3D file: it is empty")
+    raw = memoryview(cast(Any, np.memmap(src, np.uint8, "r")))
+    head = c3d_parameters.read(src, raw)
+    data, is_cut = c3d_frames.lay_out(src, head, raw, is_lenient=on_bad == "missing")
+    if is_cut:
+        warnings.warn(
+            f"{src}: it ends after {data.count} whole frames; those are read", ConversionWarning, stacklevel=2
+        )
+    matrices, ratio = c3d_frames.rotations(src, head, raw, data.count)
+    width = 3 * head.points + 4 * matrices.shape[1] + data.channels
+    note = _note(head, width) if data.samples <= 1 and ratio == 1 else None
+    unit = _unit(src, head, length_units)
+    take = _Take(src, recorder, head, data, raw, matrices, ratio, unit, start)
+    if note is not None:
+        take.restore(note, progress)
     else:
-        numbers[:, : 3 * len(labels)] /= 10.0 ** DECIMALS[unit]
-        found = [marker(name, tuple(range(3 * at, 3 * at + 3)), topic) for at, name in enumerate(labels)]
-        found += _placed(bodies, numbers, 3 * len(labels))
-        if len(bodies):
-            numbers = np.concatenate((numbers, poses[:, :, :3, 3].reshape(count, -1)), axis=1)
-        metadata = {one.topic: {"length_units": "m", "quat_order": "xyzw"} for one in found}
-    arrays = Arrays(recorder, found, metadata, skip_empty=note is not None)
-    for first in range(0, count, _ROWS):
-        part = slice(first, first + _ROWS)
-        arrays.append(times[part], numbers[part])
-        if progress is not None:
-            progress(min(first + _ROWS, count), count)
-    if channels and analogs.size:
-        where = [Placement("analog", (name,), (), (at,)) for at, name in enumerate(channels)]
-        analog_hz = _rate(src, said, "ANALOG") if sub_frames > 1 else hz
-        Arrays(recorder, where, {}).append(origin + np.arange(analogs.shape[2]) / analog_hz, analogs[0].T)
+        take.append(c3d_layout.lay_out(head, data, matrices.shape[1], unit, topic), progress)
 
 
-def _open(path: Path) -> Any:
-    try:
-        import ezc3d
-    except ImportError as error:
-        raise FormatError("C3D needs the package ezc3d: pip install 'ml-dash-mcap[c3d]'") from error
-    try:
-        return ezc3d.c3d(str(path))
-    except (OSError, ValueError, IndexError, KeyError, RuntimeError, MemoryError) as error:
-        raise ForeignFileError(path, f"it is no whole C3D file: {error}") from error
+@dataclass(frozen=True, slots=True)
+class _Take:
+    """One file on its way into a recorder."""
+
+    path: Path
+    recorder: Recorder
+    head: Head
+    data: Data
+    raw: memoryview
+    matrices: Floats
+    """Of the bodies, [N * ratio, B, 4, 4]."""
+    ratio: int
+    unit: str
+    start: float | None
+
+    def append(self, layout: Layout, progress: Progress | None) -> None:
+        """Append a file of another tool."""
+        origin = self.start or 0.0
+        count = self.data.count
+        points = layout.points and Arrays(self.path, self.recorder, layout.points, layout.metadata)
+        analog = layout.channels and Arrays(self.path, self.recorder, layout.channels, layout.metadata)
+        hz = self._rate("POINT") if count and (layout.points or layout.bodies) else 0.0
+        analog_hz = self._analog_rate(hz) if layout.channels else 0.0
+        for first, frames in self._frames():
+            stop = first + len(frames.points)
+            if points:
+                numbers = frames.points.reshape(stop - first, -1).copy()
+                numbers[:, layout.lengths] /= 10.0 ** DECIMALS[self.unit]
+                points.append(origin + np.arange(first, stop) / hz, numbers)
+            if analog:
+                samples = np.arange(first * self.data.samples, stop * self.data.samples)
+                values = frames.analogs * 10.0 ** np.array(layout.channel_shifts, np.float64)
+                analog.append(origin + samples / analog_hz, values)
+            if progress is not None:
+                progress(stop, count)
+        if layout.bodies:
+            self._append_bodies(layout, origin, hz)
+
+    def _append_bodies(self, layout: Layout, origin: float, hz: float) -> None:
+        bodies = Arrays(self.path, self.recorder, layout.bodies, layout.metadata)
+        rate = self.head.one("ROTATION", "RATE") or hz * self.ratio
+        places = self.matrices[:, :, :3, 3] / 10.0 ** DECIMALS[layout.rotation_unit]
+        numbers = np.concatenate((_turns(self.matrices), places.reshape(len(places), -1)), axis=1)
+        for first in range(0, len(numbers), _ROWS):
+            part = numbers[first : first + _ROWS]
+            bodies.append(origin + np.arange(first, first + len(part)) / rate, part)
+
+    def restore(self, note: Note, progress: Progress | None) -> None:
+        """Append a file of this library: the topics and fields that it was written from."""
+        origin = note.origin if self.start is None else self.start
+        hz, bodies = self._rate("POINT"), self.matrices.shape[1]
+        more = {"time_source": f"frame numbers at {hz!r} Hz"}
+        metadata = {topic: {**one, **more} for topic, one in note.metadata.items()}
+        arrays = Arrays(self.path, self.recorder, note.placements, metadata, skip_empty=True)
+        for first, frames in self._frames():
+            stop = first + len(frames.points)
+            turns = _turns(self.matrices[first:stop]) if bodies else np.empty((stop - first, 0))
+            channels = frames.analogs.reshape(stop - first, -1)
+            numbers = np.concatenate((frames.points.reshape(stop - first, -1), turns, channels), axis=1)
+            _turn_back(numbers, note, self.head.points, bodies, self.unit)
+            arrays.append(origin + np.arange(first, stop) / hz, numbers)
+            if progress is not None:
+                progress(stop, self.data.count)
+
+    def _frames(self) -> Iterator[tuple[int, Frames]]:
+        return c3d_frames.parts(self.data, self.raw, _ROWS)
+
+    def _rate(self, group: str) -> float:
+        """Return a rate in Hz; that of points stands in the header too."""
+        stated = self.head.one(group, "RATE")
+        rate = stated if stated and stated > 0 else self.head.rate if group == "POINT" else 0.0
+        if not 0 < rate < 1e9:
+            raise ForeignFileError(self.path, f"{group}:RATE is {stated}, which is no rate in Hz")
+        exact = _exact_rate(self.head) if group == "POINT" else None
+        return exact if exact is not None and np.float32(exact) == np.float32(rate) else rate
+
+    def _analog_rate(self, hz: float) -> float:
+        """Return the rate of analog channels: a whole number of samples a frame, unless there is no frame's rate."""
+        stated = self.head.one("ANALOG", "RATE")
+        frames = hz or self.head.one("POINT", "RATE") or self.head.rate
+        from_frames = frames * self.data.samples
+        if stated and stated > 0 and (self.data.samples > 1 or not from_frames > 0):
+            return stated
+        return from_frames if from_frames > 0 else self._rate("ANALOG")
 
 
-def _rate(path: Path, said: Any, group: str) -> float:
-    rate = float(np.ravel(said[group]["RATE"]["value"] or [0.0])[0])
-    if not 0 < rate < 1e9:
-        raise ForeignFileError(path, f"{group}:RATE is {rate}, which is no rate in Hz")
-    exact = _exact_rate(said) if group == "POINT" else None
-    return exact if exact is not None and np.float32(exact) == np.float32(rate) else rate
+def _unit(path: Path, head: Head, asked: str | None) -> str:
+    stated = next(iter(head.text("POINT", "UNITS")), "")
+    if stated or asked is not None:
+        return unit_of_length(path, stated, asked, "POINT:UNITS")
+    if head.points:
+        warnings.warn(
+            f"{path}: it does not say the unit of its points, so they are taken for millimetres; pass length_units=",
+            ConversionWarning,
+            stacklevel=3,
+        )
+    return "mm"
 
 
-def _exact_rate(said: Any) -> float | None:
+def _exact_rate(head: Head) -> float | None:
     """Return the rate that this library wrote as text, for the file has it as float32."""
     try:
-        return float(said[GROUP]["RATE"]["value"][0])
-    except (KeyError, IndexError, TypeError, ValueError):
+        return float(head.text(GROUP, "RATE")[0])
+    except (IndexError, ValueError):
         return None
 
 
-def _unit(path: Path, said: Any) -> str:
-    values = said["POINT"].get("UNITS", {}).get("value") or ["mm"]
-    unit = UNITS.get(str(values[0]).strip().lower())
-    if unit is None:
-        raise ForeignFileError(path, f"POINT:UNITS is {values[0]!r}; m, cm and mm are known")
-    return unit
-
-
-def _labels(said: Any, group: str, count: int, word: str) -> list[str]:
-    """Return the names of points or channels; those that the file does not name are numbered."""
-    names: list[str] = []
-    number = 1
-    while group in said and (key := "LABELS" if number == 1 else f"LABELS{number}") in said[group]:
-        names += [str(name).strip() for name in said[group][key]["value"]]
-        number += 1
-    names = [name or f"{word} {at + 1}" for at, name in enumerate(names[:count])]
-    return distinct(names + [f"{word} {at + 1}" for at in range(len(names), count)])
-
-
-def _frames(path: Path) -> int:
-    """Return how many frames the file's header says that it has; ezc3d does not compare."""
-    with path.open("rb") as file:
-        head = file.read(512)
-        file.seek((head[0] - 1) * 512 + 3)
-        order: Literal["big", "little"] = "big" if file.read(1) == _BIG_ENDIAN else "little"
-    first, last = (int.from_bytes(head[at : at + 2], order) for at in (6, 8))
-    return last - first + 1
-
-
-def _note(said: Any, columns: int) -> Note | None:
-    try:
-        text = "".join(str(piece) for piece in said[GROUP]["NOTE"]["value"])
-    except (KeyError, TypeError):
-        return None
-    return placement.from_text(text, columns)
+def _note(head: Head, columns: int) -> Note | None:
+    return placement.from_text("".join(head.text(GROUP, "NOTE")), columns)
 
 
 def _turns(matrices: Floats) -> Floats:
@@ -177,17 +207,7 @@ def _turns(matrices: Floats) -> Floats:
     return turns.reshape(count, 4 * bodies)
 
 
-def _placed(bodies: list[str], numbers: Floats, first: int) -> list[Placement]:
-    """Return where the bodies of a foreign file go: their quaternions stand before their positions."""
-    found: list[Placement] = []
-    behind = numbers.shape[1]
-    for at, name in enumerate(bodies):
-        found.append(Placement(name, ("pos",), (3,), tuple(range(behind + 3 * at, behind + 3 * at + 3))))
-        found.append(Placement(name, ("quat",), (4,), tuple(range(first + 4 * at, first + 4 * at + 4))))
-    return found
-
-
-def _restore(numbers: Floats, note: Note, points: int, bodies: int, unit: str) -> None:
+def _turn_back(numbers: Floats, note: Note, points: int, bodies: int, unit: str) -> None:
     """Give numbers the units and axes that they had when they were recorded, in place."""
     topics = {at: one for one in note.placements for at in one.columns}
     for at in range(0, 3 * points, 3):

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 import datetime
 from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO, NoReturn
+from typing import BinaryIO
 from zoneinfo import ZoneInfo
 
 from ..errors import ForeignFileError, OptionError
+from ..mocap.space import UNITS
+from .dialect import Dialect, number
+from .plain_text import decoded
 
 _LONGEST_BYTES = 1 << 26
-_SNIFFED_BYTES = 4096
-
-
-def first_line(path: Path) -> str:
-    """Return what a file begins with, up to the end of its first line; "" for a folder."""
-    if not path.is_file():
-        return ""
-    with path.open("rb") as file:
-        return _text(file.readline(_SNIFFED_BYTES)).lstrip("\ufeff")
+_PREVIEW_BYTES = 1 << 16
 
 
 class Header:
@@ -55,58 +49,93 @@ class Header:
         if len(raw) >= _LONGEST_BYTES:
             raise ForeignFileError(self._path, f"the line has more than {_LONGEST_BYTES} bytes", self.line + 1)
         self.line += 1
-        return _text(raw).lstrip("\ufeff").rstrip("\r\n") if self.line == 1 else _text(raw).rstrip("\r\n")
+        return decoded(raw).lstrip("\ufeff").rstrip("\r\n") if self.line == 1 else decoded(raw).rstrip("\r\n")
+
+    def row(self, what: str, dialect: Dialect) -> list[str]:
+        """Return the cells of the next line that has any, without the empty ones at its end.
+
+        Raises:
+            ForeignFileError: As `next`.
+        """
+        line = self.next(what)
+        while dialect.is_blank(line):
+            line = self.next(what)
+        return without_empty_end(dialect.split(line))
 
     def at(self) -> int:
         """Return where in the file the next line starts, in bytes."""
         return self._file.tell()
 
-    def skip(self, lines: int) -> None:
-        """Take note of lines that others read."""
-        self.line += lines
-
-    def back(self, at: int) -> None:
-        """Go back to the start of the line before, which was read last."""
+    def to(self, at: int, line: int) -> None:
+        """Go back to where the next line starts at some byte, when so many lines were read."""
         self._file.seek(at)
-        self.line -= 1
+        self.line = line
 
 
-def _text(raw: bytes) -> str:
-    try:
-        return raw.decode()
-    except UnicodeDecodeError:  # what Windows tools wrote before they wrote UTF-8
-        return raw.decode("latin-1")
+def without_empty_end(cells: Sequence[str]) -> list[str]:
+    """Return cells without the empty ones behind the last that is not."""
+    count = len(cells)
+    while count and not cells[count - 1]:
+        count -= 1
+    return list(cells[:count])
 
 
-def csv_cells(path: Path, text: str, line: int) -> list[str]:
-    """Return the cells of a line of CSV.
+def preview(file: BinaryIO, stop: int | None = None) -> tuple[list[str], list[str]]:
+    """Return some lines from where a file is, and some before its end; the file stays where it is.
 
-    Raises:
-        ForeignFileError: It is no such line, as where lines end as on old Macs.
+    Args:
+        file: At the start of a line.
+        stop: Where the lines end, in bytes; None for the end of the file.
     """
-    try:
-        return next(csv.reader([text]), [])
-    except csv.Error as error:
-        raise ForeignFileError(path, f"the line is no CSV: {error}", line) from error
-
-
-def refuse_semicolons(path: Path) -> NoReturn:
-    """Raise ForeignFileError for a table of commas that has something else in their place."""
-    said = "the file is separated by ';' or tabs, as some languages export it: export with commas and points"
-    raise ForeignFileError(path, said, 1, 1)
+    at = file.tell()
+    head = file.read(_PREVIEW_BYTES if stop is None else min(_PREVIEW_BYTES, stop - at))
+    end = file.seek(0, 2) if stop is None else stop
+    is_whole = at + len(head) >= end
+    tail_at = max(at, end - _PREVIEW_BYTES)
+    file.seek(tail_at)
+    tail = file.read(end - tail_at)
+    file.seek(at)
+    first = decoded(head).split("\n")
+    last = decoded(tail).split("\n")
+    return first if is_whole else first[:-1] or first, last if tail_at == at else last[1:]
 
 
 def refuse_numbers(path: Path, cells: Sequence[str], row: str, line: int) -> None:
     """Raise ForeignFileError if a row that the header should have is one of the numbers behind it."""
-    try:
-        float(cells[0])
-    except (IndexError, ValueError):
-        return
-    raise ForeignFileError(path, f"the header has no {row}: there are numbers in its place", line, 1)
+    if cells and number(cells[0]) is not None:
+        raise ForeignFileError(path, f"the header has no {row}: there are numbers in its place", line, 1)
 
 
-def seconds_at(moment: tuple[int, int, int, int, int, int], fraction: str, timezone: str) -> float:
-    """Return a moment that a header names, in s since 1970; 0.0 if there is none such, or it lies before.
+def unit_of_length(
+    path: Path, stated: str, asked: str | None, what: str, line: int | None = None, at: int | None = None
+) -> str:
+    """Return the unit of a file's lengths: "m", "cm" or "mm".
+
+    Args:
+        path: The file.
+        stated: What the file says.
+        asked: What the caller said; it counts first.
+        what: Says it, for the error message, such as "the unit".
+        line: Where the file says it.
+        at: In which column.
+
+    Raises:
+        ForeignFileError: The file says one that is not known, or none.
+        OptionError: The caller does.
+    """
+    if asked is not None:
+        if asked not in UNITS:
+            raise OptionError(f"length_units={asked!r}: pass 'm', 'cm' or 'mm'")
+        return UNITS[asked]
+    unit = UNITS.get(stated.strip().lower())
+    if unit is None:
+        wrong = f"{what} {stated!r} is not known; m, cm and mm are" if stated.strip() else f"{what} is missing"
+        raise ForeignFileError(path, f"{wrong}; pass length_units= to say it", line, at)
+    return unit
+
+
+def seconds_at(moment: tuple[int, int, int, int, int, int], fraction: str, timezone: str) -> float | None:
+    """Return a moment that a header names, in s since 1970; None if there is none such, or it lies before.
 
     Args:
         moment: Year, month, day, hour, minute, second.
@@ -125,21 +154,12 @@ def seconds_at(moment: tuple[int, int, int, int, int, int], fraction: str, timez
     try:
         whole = datetime.datetime(*moment, tzinfo=zone).timestamp()
     except (ValueError, OverflowError):
-        return 0.0
-    return max(whole + int(fraction.ljust(6, "0")[:6] or "0") / 1e6, 0.0)
+        return None
+    found = whole + int(fraction.ljust(6, "0")[:6] or "0") / 1e6
+    return found if found >= 0 else None
 
 
 def check_on_bad(on_bad: str) -> None:
     """Raise OptionError unless something is a way to treat bad cells."""
     if on_bad not in ("raise", "missing"):
         raise OptionError(f"on_bad={on_bad!r}: pass 'raise' or 'missing'")
-
-
-def distinct(names: Sequence[str]) -> list[str]:
-    """Return names, with `#2`, `#3` behind those that were there before."""
-    seen: dict[str, int] = {}
-    found = []
-    for name in names:
-        seen[name] = seen.get(name, 0) + 1
-        found.append(name if seen[name] == 1 else f"{name}#{seen[name]}")
-    return found

@@ -6,21 +6,23 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from ..errors import ForeignFileError
-from ..mocap.space import UNITS
-from .headers import Header, csv_cells, refuse_semicolons
+from .dialect import Dialect, number
+from .headers import Header, unit_of_length, without_empty_end
 
 VERSIONS = ("1.2", "1.20", "1.21", "1.22", "1.23", "1.24", "1.25")
 BODIES = ("Rigid Body", "Bone")
 MARKERS = {"Marker": "markers", "Rigid Body Marker": "body_markers", "Bone Marker": "bone_markers"}
 """Types of markers, to the fields that hold them."""
+JOINT = "Joint"
+"""What this library calls its own columns of joints."""
 
-_TYPES = (*BODIES, *MARKERS, "Joint")
+_TIME_CODES = ("timecode", "smpte", "smptetimecode")
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
+class Column(NamedTuple):
     """One column behind those of frame, time and time code."""
 
     type: str
@@ -30,60 +32,69 @@ class Column:
     axis: str
 
 
-def read_pairs(path: Path, line: str) -> dict[str, str]:
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What the columns of a file are."""
+
+    columns: list[Column]
+    leading: int
+    """How many columns come before them: frame, time, and a time code."""
+
+    @property
+    def time_codes(self) -> tuple[int, ...]:
+        """The columns of text."""
+        return (2,) if self.leading == 3 else ()
+
+
+def read_pairs(path: Path, line: str, dialect: Dialect) -> dict[str, str]:
     """Return the first line's keys and values."""
-    if line.startswith(("Format Version;", "Format Version\t")):
-        refuse_semicolons(path)
-    cells = csv_cells(path, line, 1)
+    cells = dialect.split(line)
     if not cells or cells[0] != "Format Version":
         raise ForeignFileError(path, "the file does not begin with 'Format Version'; it is no CSV of Motive's", 1, 1)
-    pairs = dict(zip(cells[::2], cells[1::2], strict=False))
-    version = pairs["Format Version"] if len(cells) > 1 else ""
+    pairs = {key: value for key, value in zip(cells[::2], cells[1::2], strict=False) if key}
+    version = pairs.get("Format Version", "").replace(",", ".")
     if version not in VERSIONS:
         raise ForeignFileError(path, f"format version {version!r}; {', '.join(VERSIONS)} are known", 1, 2)
     if pairs.get("Rotation Type", "Quaternion") not in ("Quaternion", ""):
         kind = pairs["Rotation Type"]
-        at = 2 + 2 * list(pairs).index("Rotation Type")
-        raise ForeignFileError(path, f"rotation type {kind!r}; export with quaternions", 1, at)
+        raise ForeignFileError(
+            path, f"rotation type {kind!r}; export with quaternions", 1, 1 + cells.index("Rotation Type") + 1
+        )
     return pairs
 
 
-def read_columns(path: Path, header: Header) -> tuple[list[Column], int]:
-    """Read the header's rows; returns the columns, and how many come before them."""
+def read_columns(path: Path, header: Header, dialect: Dialect) -> Layout:
+    """Read the header's rows; returns what the columns are."""
     rows: list[list[str]] = []
     lines: list[int] = []
     while True:
-        text = header.next("the row of 'Frame' and 'Time'")
-        cells = [cell.strip() for cell in csv_cells(path, text, header.line)]
+        cells = dialect.split(header.next("the row of 'Frame' and 'Time'"))
         if any(cells):
             rows.append(cells)
             lines.append(header.line)
         if rows and rows[-1][0].lower() == "frame":
             break
-        if len(rows) > 6 or (rows and re.fullmatch(r"[-\d.]+", rows[-1][0])):
+        if len(rows) > 6 or (rows and number(rows[-1][0]) is not None):
             raise ForeignFileError(path, "the header has no row that begins with 'Frame'", header.line)
     *above, axes = rows
-    leading = 3 if len(axes) > 2 and axes[2].lower().replace(" ", "") in ("timecode", "smpte") else 2
+    leading = 3 if len(axes) > 2 and axes[2].lower().replace(" ", "") in _TIME_CODES else 2
     if len(axes) < leading or not axes[1].lower().startswith("time"):
         raise ForeignFileError(path, "the column after 'Frame' is not 'Time'", lines[-1], 2)
     named = _named(path, above, lines)
-    for what, line in named.items():
-        row, number = line
-        if len(row) != len(axes):
-            raise ForeignFileError(
-                path, f"the row of {what} has {len(row)} cells, but that of axes {len(axes)}", number
-            )
-    found = []
-    for at in range(leading, len(axes)):
-        kind, name, identity, group = (named[what][0][at] for what in ("types", "names", "IDs", "groups"))
-        if kind not in _TYPES:
-            known = ", ".join(_TYPES)
-            raise ForeignFileError(
-                path, f"the column type {kind!r} is not known; {known} are", named["types"][1], at + 1
-            )
-        found.append(Column(kind, name, identity, group, axes[at]))
+    width = max(len(without_empty_end(row)) for row in (axes, *(row for row, _ in named.values())))
+    for what, (row, line) in named.items():
+        if len(row) != len(axes) and (len(row) < width or any(row[width:])):
+            raise ForeignFileError(path, f"the row of {what} has {len(row)} cells, but that of axes {len(axes)}", line)
+    axes = [*axes, *[""] * (width - len(axes))][:width]
+    found = [
+        Column._make([*(named[what][0][at] for what in ("types", "names", "IDs", "groups")), axes[at]])
+        for at in range(leading, width)
+    ]
+    for at, column in enumerate(found, leading + 1):
+        if not column.type:
+            raise ForeignFileError(path, "the column has no type", named["types"][1], at)
     _check(path, found, leading, lines[-1])
-    return found, leading
+    return Layout(found, leading)
 
 
 def _named(path: Path, rows: Sequence[list[str]], lines: Sequence[int]) -> dict[str, tuple[list[str], int]]:
@@ -110,7 +121,8 @@ def _check(path: Path, columns: Sequence[Column], leading: int, line: int) -> No
     for group in by_object(columns):
         first = columns[group[0]]
         have = [(columns[at].group, columns[at].axis) for at in group]
-        wanted = [("Position", axis) for axis in "XYZ"] if first.type != "Joint" else []
+        is_point = first.type in (*BODIES, *MARKERS)
+        wanted = [("Position", axis) for axis in "XYZ"] if is_point else []
         if first.type in BODIES:
             wanted = [*(("Rotation", axis) for axis in "XYZW"), *wanted]
         missing = next((one for one in wanted if one not in have), None)
@@ -120,18 +132,21 @@ def _check(path: Path, columns: Sequence[Column], leading: int, line: int) -> No
 
 
 def by_object(columns: Sequence[Column]) -> list[list[int]]:
-    """Return the columns of each object."""
-    groups: dict[tuple[str, str, str], list[int]] = {}
+    """Return the columns of each object; one that has all of its columns begins again where they are repeated."""
+    groups: dict[tuple[str, str, str], list[list[int]]] = {}
     for at, column in enumerate(columns):
-        groups.setdefault((column.type, column.name, column.identity), []).append(at)
-    return list(groups.values())
+        same = groups.setdefault((column.type, column.name, column.identity), [[]])
+        taken = {(columns[one].group, columns[one].axis) for one in same[-1]}
+        if (column.group, column.axis) in taken:
+            same.append([])
+        same[-1].append(at)
+    return sorted((group for same in groups.values() for group in same), key=lambda group: group[0])
 
 
 def vectors(columns: Sequence[Column], kind: str, axes: str) -> list[tuple[int, ...]]:
     """Return the columns of each object's position, or of its rotation."""
-    groups = by_object(columns)
-    having = [group for group in groups if any(columns[at].group == kind for at in group)]
-    return [axes_of(columns, group, kind, axes) for group in having]
+    having = [{columns[at].axis: at for at in group if columns[at].group == kind} for group in by_object(columns)]
+    return [tuple(by_axis[axis] for axis in axes) for by_axis in having if set(axes) <= by_axis.keys()]
 
 
 def axes_of(columns: Sequence[Column], group: Sequence[int], kind: str, axes: str) -> tuple[int, ...]:
@@ -140,11 +155,13 @@ def axes_of(columns: Sequence[Column], group: Sequence[int], kind: str, axes: st
     return tuple(by_axis[axis] for axis in axes)
 
 
-def unit_of(path: Path, pairs: Mapping[str, str]) -> str:
-    """Return the file's unit of length, as `UNITS` has it."""
-    said = pairs.get("Length Units", "Meters")
-    unit = UNITS.get(said.strip().lower())
-    if unit is None:
-        at = 2 + 2 * list(pairs).index("Length Units")
-        raise ForeignFileError(path, f"length units {said!r}; Meters, Centimeters and Millimeters are known", 1, at)
-    return unit
+def unit_of(path: Path, pairs: Mapping[str, str], asked: str | None) -> str:
+    """Return the file's unit of length: "m", "cm" or "mm"."""
+    stated = pairs.get("Length Units", "Meters")
+    at = 2 + 2 * list(pairs).index("Length Units") if "Length Units" in pairs else None
+    return unit_of_length(path, stated, asked, "length units", 1, at)
+
+
+def slug(text: str) -> str:
+    """Return a word of Motive's as the name of a field: "Marker Quality" is marker_quality."""
+    return re.sub(r"[^0-9a-z]+", "_", text.lower()).strip("_") or "value"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,23 +15,28 @@ from ..mocap.placement import Placement
 from ..mocap.space import DECIMALS
 from ..recorder import Recorder
 from ..rows import rotations
-from . import Progress, restored
-from .cells import Cells, Floats
-from .headers import Header, check_on_bad, distinct, first_line, seconds_at
+from . import Progress, restored, start_times, timing
+from .cells import Cells, Floats, Part
+from .dialect import Dialect, number, of_line
+from .headers import Header, check_on_bad, preview, without_empty_end
+from .names import distinct
+from .plain_text import first_line, opened
+from .timing import Clue, Timing
 from .tracks import Report, Tracks
-from .trc import marker
+from .trc import about_points, marker
 
 NOTE_WORD = "ML_DASH_NOTE"
-_FIRST_WORDS = ("FILE_VERSION\t", "NO_OF_FRAMES\t", "NO_OF_CAMERAS\t")
-_STAMP = re.compile(r"(\d{4})-(\d\d)-(\d\d)[, ]+(\d\d):(\d\d):(\d\d)(?:[.:](\d{1,6}))?")
+_FIRST_WORD = re.compile(r'[ \t"]*(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS)"?[\t,;]')
 _WORD = re.compile(r"[A-Z][A-Z0-9_]*$")
 _BODY_COLUMNS = 16
 """X Y Z, roll pitch yaw, residual, and the rotation matrix column by column."""
+_OUT_COLUMNS = 11
+"""Position, quaternion, angles and residual of a body."""
 
 
 def detect(path: Path) -> str | None:
     """Return "qtm" for a TSV file of QTM's."""
-    return "qtm" if first_line(path).startswith(_FIRST_WORDS) else None
+    return "qtm" if _FIRST_WORD.match(first_line(path)) else None
 
 
 def record(
@@ -44,6 +50,8 @@ def record(
     topic: str = MARKERS_TOPIC,
 ) -> None:
     """Append a TSV file, in metres: one topic with `markers` by name, or a topic a body with `pos` and `quat`.
+
+    A body also has its `angles` (roll, pitch, yaw as the file defines them, in degrees) and its `residual`.
 
     Args:
         src: The file.
@@ -59,97 +67,142 @@ def record(
     """
     check_on_bad(on_bad)
     report = Report(src, progress)
-    with src.open("rb") as file:
+    with opened(src) as file:
         header = Header(src, file)
-        said, has_times = _keys(src, header)
-        has_bodies = "BODY_NAMES" in said
-        names = distinct(
-            [name.strip() for name in said["BODY_NAMES" if has_bodies else "MARKER_NAMES"].split("\t") if name.strip()]
-        )
+        dialect = of_line(_FIRST_WORD.match(first_line(src)).group(0)[-1])  # type: ignore[union-attr]
+        keys, has_times = _keys(src, header, dialect)
+        has_bodies = "BODY_NAMES" in keys
+        names = _names(keys["BODY_NAMES" if has_bodies else "MARKER_NAMES"], "body" if has_bodies else "marker")
         per_name = _BODY_COLUMNS if has_bodies else 3
         count = per_name * len(names)
-        note = placement.from_text(said.get(NOTE_WORD, ""), count)
-        shifts = [-DECIMALS["mm"] if at % per_name < 3 else 0 for at in range(count)]
+        note = placement.from_text(_one(keys, NOTE_WORD), count)
+        is_length = [at % per_name < 3 or (has_bodies and at % per_name == 6) for at in range(count)]
+        shifts = [-DECIMALS["mm"] if one else 0 for one in is_length]
         groups = [tuple(range(at, at + 3)) for at in range(0, count, per_name)]
-        origin = _start(said, timezone) if start is None else start
+        origin = start
         if note and not has_bodies:
             shifts = restored.shifts(note, DECIMALS["mm"], count, range(count))
             origin = note.origin if start is None else start
-            tracks = Tracks(recorder, note.placements, note.metadata, skip_empty=True)
-        else:
-            found = [one for number, name in enumerate(names) for one in _placed(name, number, topic, has_bodies)]
-            about = {"length_units": "m", "quat_order": "xyzw"} if has_bodies else {"length_units": "m"}
-            tracks = Tracks(recorder, found, {one.topic: about for one in found})
+        if origin is None:
+            origin = start_times.read(src, " ".join(keys.get("TIME_STAMP", [])), "TIME_STAMP", timezone) or 0.0
         leading = 2 if has_times else 0
-        cells = Cells(src, count + leading, "\t", [0] * leading + shifts, allow_short=True, on_bad=on_bad)
-        rate, line, row = _rate(src, said, has_times), header.line + 1, 0
-        for values, at in cells.read(file, line):
-            times = values[:, 1] if has_times else np.arange(row, row + len(values)) / rate
-            numbers = _bodies(values[:, leading:]) if has_bodies else values[:, leading:]
+        head, tail = preview(file)
+        cells = Cells(
+            src, count + leading, dialect.with_decimal_of(head + tail), [0] * leading + shifts, allow_short=True,
+            on_bad=on_bad, keeps_blank_rows=not has_times,
+        )  # fmt: skip
+        rate, line = _rate(src, keys, has_times), header.line + 1
+        when = Timing(origin, rate, source=f"rows at {rate!r} Hz")
+        if has_times:
+            clue = Clue(1, 0, rate, (1.0, 0.0))
+            when = timing.find(clue, cells, file, line, origin)
+            first_s = timing.first_stamp(clue, cells, file, when)
+            when = timing.not_below_zero(src, when, [first_s], is_asked=start is not None)
+        if note and not has_bodies:
+            metadata = {name: {**one, **when.metadata} for name, one in note.metadata.items()}
+            tracks = Tracks(src, recorder, note.placements, metadata, skip_empty=True)
+        else:
+            found = [one for at, name in enumerate(names) for one in _placed(name, at, topic, has_bodies)]
+            tracks = Tracks(src, recorder, found, _about(found, has_bodies, keys, when))
+        row, most = 0, _frame_count(keys)
+        for part in cells.read(file, line):
+            if not has_times:
+                part = _without_end(part, row, most)
+            numbers = _bodies(part.values[:, leading:]) if has_bodies else part.values[:, leading:]
             if note and not has_bodies:
                 restored.turn_back(numbers, note, groups, ())
-            tracks.append_from(cells, origin + times, numbers, line)
-            report.add(len(values), at)
-            line, row = line + len(values), row + len(values)
+            frames = part.values[:, 0] if has_times else np.arange(row, row + len(numbers), dtype=np.float64)
+            times = when.stamps(frames, part.values[:, 1] if has_times else frames)
+            tracks.append_from(cells, times, numbers, part.lines, 2 if has_times else None)
+            report.add(len(numbers), part.at)
+            row += len(numbers)
     report.finish(cells.bad)
 
 
-def _keys(path: Path, header: Header) -> tuple[dict[str, str], bool]:
-    """Read the header; returns its keys and values, and whether rows begin with frame and time."""
-    said: dict[str, str] = {}
+def _keys(path: Path, header: Header, dialect: Dialect) -> tuple[dict[str, list[str]], bool]:
+    """Read the header; returns its keys and the cells behind them, and whether rows begin with frame and time."""
+    keys: dict[str, list[str]] = {}
     while True:
         at = header.at()
         line = header.next("its numbers")
-        key, _, value = line.partition("\t")
-        if key.strip() == "Frame":
+        cells = dialect.split(line)
+        if cells[0] == "Frame":
             break
-        if not _WORD.fullmatch(key.strip()):
-            header.back(at)
+        if not dialect.is_blank(line) and not _WORD.fullmatch(cells[0]):
+            header.to(at, header.line - 1)
             break
-        said.setdefault(key.strip(), value.rstrip("\t"))
-    if "MARKER_NAMES" not in said and "BODY_NAMES" not in said:
-        what = "2D data" if said.get("DATA_INCLUDED") == "2D" else "neither MARKER_NAMES nor BODY_NAMES"
+        if dialect.is_blank(line) and ("MARKER_NAMES" in keys or "BODY_NAMES" in keys):
+            header.to(at, header.line - 1)
+            break
+        if cells[0]:
+            more = without_empty_end(cells[1:])
+            keys[cells[0]] = [*keys.get(cells[0], []), *more] if cells[0] == "EVENT" else keys.get(cells[0], more)
+    if "MARKER_NAMES" not in keys and "BODY_NAMES" not in keys:
+        what = "2D data" if _one(keys, "DATA_INCLUDED") == "2D" else "neither MARKER_NAMES nor BODY_NAMES"
         raise ForeignFileError(path, f"the header has {what}; export 3D or 6D data with the TSV header", header.line)
-    return said, key.strip() == "Frame"
+    return keys, cells[0] == "Frame"
 
 
-def _rate(path: Path, said: dict[str, str], has_times: bool) -> float:
-    try:
-        rate = float(said.get("FREQUENCY", ""))
-    except ValueError:
-        rate = 0.0
+def _one(keys: dict[str, list[str]], key: str) -> str:
+    return next(iter(keys.get(key, [])), "")
+
+
+def _names(cells: list[str], word: str) -> list[str]:
+    return distinct([name or f"{word} {at}" for at, name in enumerate(cells, 1)])
+
+
+def _rate(path: Path, keys: dict[str, list[str]], has_times: bool) -> float:
+    rate = number(_one(keys, "FREQUENCY")) or 0.0
     if rate <= 0 and not has_times:
-        raise ForeignFileError(path, f"FREQUENCY is {said.get('FREQUENCY', 'missing')!r}, and there are no times", 1)
+        stated = _one(keys, "FREQUENCY") or "missing"
+        raise ForeignFileError(path, f"FREQUENCY is {stated!r}, and there are no times", 1)
     return rate
 
 
-def _start(said: dict[str, str], timezone: str) -> float:
-    """Return the start of the capture, in s since 1970; 0.0 if the file does not say."""
-    found = _STAMP.match(said.get("TIME_STAMP", ""))
-    if found is None:
-        return 0.0
-    year, month, day, hour, minute, second = (int(part) for part in found.groups()[:6])
-    return seconds_at((year, month, day, hour, minute, second), found[7] or "", timezone)
+def _frame_count(keys: dict[str, list[str]]) -> int | None:
+    count = number(_one(keys, "NO_OF_FRAMES"))
+    return None if count is None else int(count)
 
 
-def _placed(name: str, number: int, topic: str, has_bodies: bool) -> list[Placement]:
+def _without_end(part: Part, row: int, most: int | None) -> Part:
+    """Leave out rows without numbers behind the last frame: where no frame is numbered, others may be frames."""
+    if most is None or row + len(part.values) <= most:
+        return part
+    keep = (np.arange(row, row + len(part.values)) < most) | ~np.isnan(part.values).all(axis=1)
+    return part._replace(values=part.values[keep], lines=part.lines[keep])
+
+
+def _about(
+    placements: list[Placement], has_bodies: bool, keys: dict[str, list[str]], when: Timing
+) -> dict[str, dict[str, Any]]:
+    kept = {key: " ".join(cells) for key, cells in keys.items() if not key.endswith("_NAMES") and key != NOTE_WORD}
+    more = {"qtm": kept, **when.metadata}
+    found = about_points(placements, "mm", more)
     if not has_bodies:
-        return [marker(name, tuple(range(3 * number, 3 * number + 3)), topic)]
-    at = 8 * number
+        return found
+    units = {"pos": "m", "residual": "m", "angles": "deg"}
+    return {topic: {**said, "quat_order": "xyzw", "units": units} for topic, said in found.items()}
+
+
+def _placed(name: str, at: int, topic: str, has_bodies: bool) -> list[Placement]:
+    if not has_bodies:
+        return [marker(name, tuple(range(3 * at, 3 * at + 3)), topic)]
+    first = _OUT_COLUMNS * at
     return [
-        Placement(name, ("pos",), (3,), (at, at + 1, at + 2)),
-        Placement(name, ("quat",), (4,), tuple(range(at + 3, at + 7))),
-        Placement(name, ("residual",), (), (at + 7,)),
+        Placement(name, ("pos",), (3,), tuple(range(first, first + 3))),
+        Placement(name, ("quat",), (4,), tuple(range(first + 3, first + 7))),
+        Placement(name, ("angles",), (3,), tuple(range(first + 7, first + 10))),
+        Placement(name, ("residual",), (), (first + 10,)),
     ]
 
 
 def _bodies(numbers: Floats) -> Floats:
-    """Return position, quaternion and residual of each body, [N, 8 B], of what the file says, [N, 16 B]."""
+    """Return position, quaternion, angles and residual of each body, [N, 11 B], of what the file says, [N, 16 B]."""
     found = []
     for at in range(0, numbers.shape[1], _BODY_COLUMNS):
         body = numbers[:, at : at + _BODY_COLUMNS]
         matrices = body[:, 7:].reshape(-1, 3, 3).transpose(0, 2, 1)
         turns, bad = rotations.of_matrices(matrices)
         turns[bad] = np.nan
-        found.append(np.concatenate((body[:, :3], turns, body[:, 6:7]), axis=1))
+        found.append(np.concatenate((body[:, :3], turns, body[:, 3:7]), axis=1))
     return np.concatenate(found, axis=1)

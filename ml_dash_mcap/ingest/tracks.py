@@ -1,10 +1,9 @@
-"""Matrices of numbers as the rows of topics."""
+"""Matrices of numbers as the rows of topics: each row of a table is a sample of its own."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,19 +12,23 @@ import numpy.typing as npt
 
 from ..clock import END_S
 from ..errors import ConversionWarning, ForeignFileError
+from ..layout import SAMPLE
 from ..mocap.placement import Placement
 from ..recorder import Recorder
-from . import Progress
-from .cells import Cells
+from ..topic import Topic
+from . import Progress, names
+from .cells import Cells, Floats, Texts
 
-Floats = npt.NDArray[np.float64]
+TEXT_FIELD = "time_code"
+"""The field of a table's time codes, in all of its topics."""
 
 
 class Arrays:
-    """Appends the rows of some topics, whose numbers stand in the columns of one table."""
+    """Appends the rows of some topics, whose numbers stand in the columns of one table. No two rows merge."""
 
     def __init__(
         self,
+        path: Path,
         recorder: Recorder,
         placements: Sequence[Placement],
         metadata: Mapping[str, Mapping[str, Any]],
@@ -35,26 +38,29 @@ class Arrays:
         """Open the topics.
 
         Args:
+            path: The file that the numbers come from.
             recorder: Where the rows go.
             placements: Which columns each field has.
-            metadata: Of the topics.
+            metadata: Of the topics, as the placements name them.
             skip_empty: Whether a row without any number is no row, rather than one without fields.
         """
         self._topics: dict[str, list[Placement]] = {}
-        taken = {(one.topic, one.path) for one in placements}
-        for one in placements:
-            if any((one.topic, one.path[:length]) in taken for length in range(1, len(one.path))):
-                one = replace(one, path=(".".join(one.path),))  # a field cannot be a dict too
+        about: dict[str, Mapping[str, Any]] = {}
+        for one, before in zip(names.accepted(path, placements), placements, strict=True):
             self._topics.setdefault(one.topic, []).append(one)
-        self._tracks = {name: recorder.topic(name, metadata=metadata.get(name) or None) for name in self._topics}
+            about.setdefault(one.topic, metadata.get(before.topic) or {})
+        self._tracks = {
+            name: recorder._open(name, SAMPLE, Topic, metadata=about[name] or None) for name in self._topics
+        }
         self._skip_empty = skip_empty
 
-    def append(self, times: Floats, values: Floats) -> None:
+    def append(self, times: Floats, values: Floats, text: Sequence[str | None] = ()) -> None:
         """Append rows.
 
         Args:
             times: Time stamps, [N], s.
             values: [N, C]; a field without any of its numbers is absent from the row.
+            text: The time code of each row, if there are any.
         """
         gaps = np.isnan(values)
         for topic, placements in self._topics.items():
@@ -65,6 +71,11 @@ class Arrays:
                     continue
                 keep = slice(None) if there.all() else there
             chosen = times[keep]
+            if any(text):
+                self._append_rows(
+                    topic, chosen, values[keep], [text[at] for at in np.arange(len(times))[keep].tolist()]
+                )
+                continue
             fields: dict[str, Any] = {}
             for one in placements:
                 shape = (len(chosen), *one.shape)
@@ -73,37 +84,77 @@ class Arrays:
                 _put(fields, one.path, np.ma.MaskedArray(numbers, missing) if missing.any() else numbers)
             self._tracks[topic].append_columns(_ts=chosen, **fields)
 
+    def _append_rows(self, topic: str, times: Floats, values: Floats, text: Sequence[str | None]) -> None:
+        """Append rows that have text beside their numbers."""
+        rows: list[dict[str, Any]] = [{"_ts": time} for time in times.tolist()]
+        for one in self._topics[topic]:
+            numbers = values[:, one.columns]
+            missing = np.isnan(numbers)
+            values_of_rows = numbers.astype(object)
+            values_of_rows[missing] = None
+            listed: list[Any] = values_of_rows.reshape(len(rows), *one.shape).tolist()
+            absent: list[bool] = np.atleast_1d(missing.all(axis=1)).tolist()
+            for row, value, is_absent in zip(rows, listed, absent, strict=True):
+                if not is_absent:
+                    _put(row, one.path, value)
+        for row, code in zip(rows, text, strict=True):
+            if code is not None:
+                row[TEXT_FIELD] = code
+        self._tracks[topic].append_batch(rows)
+
 
 class Tracks(Arrays):
     """The same out of a text file, whose times may be none."""
 
-    def append_from(self, cells: Cells, times: Floats, values: Floats, line: int) -> int:
+    def append_from(
+        self, cells: Cells, times: Floats, values: Floats, lines: npt.NDArray[np.int64], column: int | None = None
+    ) -> None:
         """Append rows.
 
         Args:
             cells: The table that they come from; counts a time that is none.
             times: Time stamps, [N], s.
             values: [N, C]; a field without any of its numbers is absent from the row.
-            line: Where in the file they start.
-
-        Returns:
-            How many rows there were.
+            lines: Where in the file they stand, [N].
+            column: Which cell of a line says the time, for the error message, from 1.
 
         Raises:
             ForeignFileError: A time is missing, negative or too large.
         """
-        count = len(times)
-        good = (times >= 0) & (times < END_S)
-        if not good.all():
-            if cells.on_bad == "raise":
-                row = int((~good).argmax())
-                raise ForeignFileError(
-                    cells.path, f"the row has the time {float(times[row])!r} s, which is none", line + row
-                )
-            cells.bad += int((~good).sum())
-            times, values = times[good], values[good]
-        self.append(times, values)
-        return count
+        times, keep = checked(cells, times, lines, column)
+        self.append(times, values if keep is None else values[keep])
+
+    def append_with(self, cells: Cells, times: Floats, values: Floats, lines: Any, column: int, texts: Texts) -> None:
+        """Append rows with their time codes, which are the only column of text."""
+        times, keep = checked(cells, times, lines, column)
+        text = next(iter(texts.values()), ())
+        if keep is not None:
+            values, text = values[keep], [text[at] for at in np.flatnonzero(keep).tolist()] if text else ()
+        self.append(times, values, text)
+
+
+def checked(
+    cells: Cells, times: Floats, lines: npt.NDArray[np.int64], column: int | None
+) -> tuple[Floats, npt.NDArray[np.bool_] | None]:
+    """Return the time stamps that a recording can have, and which of them these are; None for all.
+
+    Raises:
+        ForeignFileError: One is missing, negative or too large, and none may be.
+    """
+    good = (times >= 0) & (times < END_S)
+    if good.all():
+        return times, None
+    if cells.on_bad == "raise":
+        row = int((~good).argmax())
+        time = float(times[row])
+        what = f"the row has the time {time!r} s, and those of a recording go from 0 to the year 2262"
+        if time != time:
+            what = "the row has no time"
+        elif time < 0:
+            what += f"; pass a start= that is larger by {-time!r}"
+        raise ForeignFileError(cells.path, f"{what}; pass on_bad='missing' to leave it out", int(lines[row]), column)
+    cells.bad += int((~good).sum())
+    return times[good], good
 
 
 def _put(fields: dict[str, Any], path: Sequence[str], array: Any) -> None:

@@ -3,22 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from ..errors import ForeignFileError
 from ..mocap import placement
 from ..mocap.objects import MARKERS_TOPIC
 from ..mocap.placement import NOTE_KEY, Placement
-from ..mocap.space import DECIMALS, UNITS
+from ..mocap.space import DECIMALS
 from ..recorder import Recorder
-from . import Progress, restored
+from . import Progress, restored, timing, units
 from .cells import Cells
-from .headers import Header, check_on_bad, distinct, first_line, refuse_numbers
+from .dialect import Dialect, number, of_line
+from .headers import Header, check_on_bad, preview, refuse_numbers, unit_of_length
+from .names import distinct
+from .plain_text import first_line, opened
+from .timing import Clue
 from .tracks import Report, Tracks
+
+_LEADING = 2
+"""Columns before those of markers: frame and time."""
 
 
 def detect(path: Path) -> str | None:
     """Return "trc" for a marker file."""
-    return "trc" if first_line(path).startswith("PathFileType") else None
+    return "trc" if first_line(path).strip(' \t"').startswith("PathFileType") else None
 
 
 def record(
@@ -29,6 +37,7 @@ def record(
     on_bad: str = "raise",
     start: float | None = None,
     topic: str = MARKERS_TOPIC,
+    length_units: str | None = None,
 ) -> None:
     """Append a marker file: one topic with `markers` by name, in metres; `set:name` is a marker of the topic `set`.
 
@@ -39,38 +48,56 @@ def record(
         on_bad: What to do with cells that are no numbers: "raise", or "missing" to leave them out and warn.
         start: The time stamp of its time 0, in s.
         topic: The topic of markers that belong to no set.
+        length_units: Of the file, instead of what it says.
 
     Raises:
         ForeignFileError: The file is no marker file; says the line and the column.
     """
     check_on_bad(on_bad)
     report = Report(src, progress)
-    with src.open("rb") as file:
+    with opened(src) as file:
         header = Header(src, file)
-        about = header.next("'PathFileType'").split("\t")
-        keys = header.next("the row of keys").split("\t")
-        values = header.next("the row of values").split("\t")
-        said = {key.strip().lower(): value.strip() for key, value in zip(keys, values, strict=False)}
-        decimals = _decimals(src, said, keys)
-        names = _names(src, header, said)
+        first = header.next("'PathFileType'")
+        at_keys = header.at()
+        dialect = _dialect(header, first)
+        file.seek(at_keys)
+        header.line = 1
+        about = dialect.split(first) if dialect.separator != " " else first.split("\t")
+        keys = header.row("the row of keys", dialect)
+        values = header.row("the row of values", dialect)
+        said = {key.lower(): value for key, value in zip(keys, values, strict=False)}
+        unit = _unit(src, said, keys, header.line, length_units)
+        names = _names(src, header, said, dialect)
         count = 3 * len(names)
         note = placement.from_text(about[about.index(NOTE_KEY) + 1], count) if NOTE_KEY in about[:-1] else None
         groups = [tuple(range(at, at + 3)) for at in range(0, count, 3)]
-        shifts, origin = [-decimals] * count, start or 0.0
+        shifts, origin = [-DECIMALS[unit]] * count, start or 0.0
         if note:
-            shifts = restored.shifts(note, decimals, count, range(count))
+            shifts = restored.shifts(note, DECIMALS[unit], count, range(count))
             origin = note.origin if start is None else start
-            tracks = Tracks(recorder, note.placements, note.metadata, skip_empty=True)
+        head, tail = preview(file)
+        cells = Cells(
+            src, count + _LEADING, dialect.with_decimal_of(head + tail), [0, 0, *shifts], allow_short=True,
+            on_bad=on_bad,
+        )  # fmt: skip
+        line = header.line + 1
+        clue = Clue(1, 0, number(said.get("datarate", "")), _starts(said))
+        when = timing.find(clue, cells, file, line, origin)
+        first_s = timing.first_stamp(clue, cells, file, when)
+        when = timing.not_below_zero(src, when, [first_s], is_asked=start is not None)
+        if note:
+            metadata = {name: {**one, **when.metadata} for name, one in note.metadata.items()}
+            tracks = Tracks(src, recorder, note.placements, metadata, skip_empty=True)
         else:
             placements = [marker(name, at, topic) for name, at in zip(names, groups, strict=True)]
-            tracks = Tracks(recorder, placements, {one.topic: {"length_units": "m"} for one in placements})
-        cells = Cells(src, count + 2, "\t", [0, 0, *shifts], allow_short=True, on_bad=on_bad)
-        line = header.line + 1
-        for numbers, at in cells.read(file, line):
+            tracks = Tracks(src, recorder, placements, about_points(placements, unit, when.metadata))
+        for part in cells.read(file, line):
+            numbers = part.values[:, _LEADING:]
             if note:
-                restored.turn_back(numbers[:, 2:], note, groups, ())
-            line += tracks.append_from(cells, origin + numbers[:, 1], numbers[:, 2:], line)
-            report.add(len(numbers), at)
+                restored.turn_back(numbers, note, groups, ())
+            times = when.stamps(part.values[:, 0], part.values[:, 1])
+            tracks.append_from(cells, times, numbers, part.lines, 2)
+            report.add(len(numbers), part.at)
     report.finish(cells.bad)
 
 
@@ -82,27 +109,50 @@ def marker(name: str, columns: tuple[int, ...], topic: str) -> Placement:
     return Placement(topic, ("markers", name), (3,), columns)
 
 
-def _decimals(path: Path, said: dict[str, str], keys: list[str]) -> int:
-    unit = UNITS.get(said.get("units", "").lower())
-    if unit is None:
-        at = next((number for number, key in enumerate(keys, 1) if key.strip().lower() == "units"), None)
-        raise ForeignFileError(path, f"the unit {said.get('units', '')!r} is not known; m, cm and mm are", 3, at)
-    return DECIMALS[unit]
+def about_points(placements: list[Placement], unit: str, more: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the metadata of topics of points that the file has in some unit of length."""
+    said = {"length_units": "m", "units": {"markers": "m"}, **units.converted([unit]), **more}
+    return {one.topic: said for one in placements}
 
 
-def _names(path: Path, header: Header, said: dict[str, str]) -> list[str]:
+def _dialect(header: Header, first: str) -> Dialect:
+    """Return how the file is split, by the row of its keys: the first line may have a path with any letters in it."""
+    line = first
+    while "datarate" not in line.lower() or line is first:
+        found = header.next_or_none()
+        if found is None:
+            return of_line(first)
+        line = found
+    return of_line(line, default=" " if " " in line.strip() else "\t")
+
+
+def _starts(said: dict[str, str]) -> list[float]:
+    start = number(said.get("origdatastartframe", ""))
+    return [1.0, 0.0] if start is None else [start, 1.0, 0.0]
+
+
+def _unit(path: Path, said: dict[str, str], keys: list[str], line: int, asked: str | None) -> str:
+    at = next((number for number, key in enumerate(keys, 1) if key.lower() == "units"), None)
+    if at is None and asked is None:
+        raise ForeignFileError(path, "the row of keys has no Units; pass length_units= to say them", line - 1)
+    return unit_of_length(path, said.get("units", ""), asked, "the unit", line, at)
+
+
+def _names(path: Path, header: Header, said: dict[str, str], dialect: Dialect) -> list[str]:
     """Read the rows of names and axes."""
-    cells = [cell.strip() for cell in header.next("the row of marker names").rstrip("\r\n").split("\t")]
-    if len(cells) < 3 or not cells[0].lower().startswith("frame") or cells[1].lower() != "time":
+    cells = header.row("the row of marker names", dialect)
+    if len(cells) < _LEADING or not cells[0].lower().startswith("frame") or not cells[1].lower().startswith("time"):
         raise ForeignFileError(path, "the row of marker names does not begin with Frame# and Time", header.line, 1)
     line = header.line
-    axes = header.next("the row of axes").split("\t")
+    axes = header.row("the row of axes", dialect)
     refuse_numbers(path, axes, "row of axes", header.line)
-    while cells and not cells[-1]:
-        cells.pop()
+    wanted = number(said.get("nummarkers", ""))
     names = cells[2::3]
+    given = [name for name in cells[2:] if name]
     if any(cells[at] for at in range(3, len(cells)) if at % 3 != 2) or not all(names):
-        raise ForeignFileError(path, "marker names do not stand in every third column", line)
-    if said.get("nummarkers", "").isdigit() and int(said["nummarkers"]) != len(names):
+        if wanted != len(given) or len([axis for axis in axes if axis]) != 3 * len(given):
+            raise ForeignFileError(path, "marker names do not stand in every third column", line)
+        names = given
+    if wanted is not None and wanted != len(names):
         raise ForeignFileError(path, f"NumMarkers is {said['nummarkers']}, but {len(names)} markers are named", line)
     return distinct(names)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -9,41 +10,29 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ..errors import ForeignFileError
-from ..mocap import placement
+from ..layout import SAMPLE
+from ..mocap import space
 from ..mocap.objects import MARKERS_TOPIC
-from ..mocap.placement import NOTE_KEY, Note, Placement
-from ..mocap.space import DECIMALS
+from ..mocap.placement import Note, Placement
 from ..recorder import Recorder
-from . import Progress, restored
+from ..topic import Topic
+from . import Progress, restored, timing, units, vicon_layout, vicon_sections
 from .cells import Cells, Floats
-from .headers import Header, check_on_bad, csv_cells, distinct, first_line, refuse_numbers
-from .tracks import Report, Tracks
-from .trc import marker
+from .dialect import number
+from .headers import check_on_bad, preview
+from .joined import joined
+from .plain_text import first_line, opened
+from .timing import Timing
+from .tracks import Report, Tracks, checked
+from .vicon_sections import LEADING, Section
 
-SECTIONS = ("Trajectories", "Devices", "Model Outputs", "Joints", "Segments", "Objects", "Bones", "Events")
-"""What the first line of a section says."""
-
-_NOTE_BYTES = 1 << 24
-_MOST_COLUMNS = 1 << 20
-_ROTATION = ("RX", "RY", "RZ", "RW")
-_PLACE = ("TX", "TY", "TZ")
-
-
-@dataclass(frozen=True, slots=True)
-class _Section:
-    """The head of one section."""
-
-    title: str
-    rate: float
-    names: list[str]
-    """Of each column behind those of frame and sub frame; a name stands for all columns up to the next."""
-    axes: list[str]
-    units: list[str]
+_MM = space.DECIMALS["mm"]
+_EVENTS_TOPIC = "events"
 
 
 def detect(path: Path) -> str | None:
     """Return "vicon" for a CSV file of Vicon's."""
-    return "vicon" if first_line(path).strip().strip(",;") in SECTIONS else None
+    return "vicon" if vicon_sections.title_of(first_line(path)) in vicon_sections.SECTIONS else None
 
 
 def record(
@@ -52,14 +41,14 @@ def record(
     *,
     progress: Progress | None = None,
     on_bad: str = "raise",
-    start: float = 0.0,
+    start: float | None = None,
     topic: str = MARKERS_TOPIC,
 ) -> None:
-    """Append the sections of a file; lengths become metres.
+    """Append the sections of a file; lengths become metres, all else keeps its unit, which the metadata says.
 
     Trajectories are markers, those of a subject in a topic of its name. What has RX RY RZ RW TX TY TZ is a topic with
-    `pos` and `quat`; three rotation angles stay as they are, in `rotation`. Everything else, such as devices and model
-    outputs, is a topic of the section's name with a field an axis.
+    `pos` and `quat`; three rotation angles stay as they are, in `rotation`. Everything else, such as devices, model
+    outputs and the scales of segments, is a field an axis; events are the topic `events`.
 
     Args:
         src: The file.
@@ -74,172 +63,161 @@ def record(
     """
     check_on_bad(on_bad)
     report = Report(src, progress)
-    bad = 0
-    with src.open("rb") as file:
-        note = _note(file)
-        header = Header(src, file)
-        before = 0
-        while (title := _title(src, header)) is not None:
-            if title == NOTE_KEY:
-                break
-            section = _head(src, header, title)
-            if section is None:  # events
-                continue
-            count = len(section.axes)
-            bad += _Reading(src, recorder, section, topic, note, before, start).run(file, header, report, on_bad)
-            before += count
+    with opened(src) as file:
+        contents = vicon_sections.read(src, file)
+        note = contents.note
+        origin = start if start is not None else note.origin if note else 0.0
+        before, tables = 0, []
+        for section in contents.sections:
+            tables.append(_Table.of(src, file, section, note, before, topic, origin, on_bad))
+            before += len(section.axes)
+        moved = timing.not_below_zero(
+            src, Timing(origin), [one.first_stamp(file) for one in tables], is_asked=start is not None
+        )
+        for group in _connected(tables):
+            _append(
+                src, recorder, file, [replace(one, when=replace(one.when, shift=moved.shift)) for one in group], report
+            )
+        bad = sum(one.cells.bad for one in tables)
+        bad += _append_events(src, recorder, contents.events, replace(moved, origin=origin), on_bad)
     report.finish(bad)
 
 
-class _Reading:
-    """Appends one section."""
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """One section, and where its numbers go."""
 
-    def __init__(
-        self,
-        path: Path,
-        recorder: Recorder,
-        section: _Section,
-        topic: str,
-        note: Note | None,
-        before: int,
-        start: float,
-    ) -> None:
-        self._path, self._section = path, section
-        self._origin = note.origin if note and not start else start
-        placements = _placed(section, topic)
-        self._points = [one.columns for one in placements if one.path[0] in ("markers", "pos")]
-        self._rotations = [one.columns for one in placements if one.path[0] == "quat"]
-        self._shifts = [-DECIMALS["mm"] if unit == "mm" else 0 for unit in section.units]
-        self._note: Note | None = None
-        metadata: dict[str, dict[str, Any]] = {one.topic: _about(section) for one in placements}
+    section: Section
+    cells: Cells
+    placements: list[Placement]
+    metadata: dict[str, dict[str, Any]]
+    note: Note | None
+    when: Timing
+    sub_frames: int
+
+    @classmethod
+    def of(
+        cls, path: Path, file: BinaryIO, section: Section, note: Note | None, before: int, topic: str, origin: float,
+        on_bad: str,
+    ) -> _Table:  # fmt: skip
+        """Lay out a section whose columns stand behind `before` others of the file."""
+        placements = vicon_layout.placed(section, topic)
+        metadata = vicon_layout.about(section, placements)
+        shifts = [units.shift(unit) for unit in section.units]
         if note is not None:
-            self._note = note = _part(note, before, len(section.axes))
+            note = _part(note, before, len(section.axes))
             lengths = {at for at, unit in enumerate(section.units) if unit == "mm"}
-            self._shifts = restored.shifts(note, DECIMALS["mm"], len(section.axes), lengths)
-            placements, metadata = list(note.placements), {topic: dict(one) for topic, one in note.metadata.items()}
-        self._tracks = Tracks(recorder, placements, metadata, skip_empty=note is not None)
+            shifts = restored.shifts(note, _MM, len(section.axes), lengths)
+            placements, metadata = list(note.placements), {name: dict(one) for name, one in note.metadata.items()}
+        file.seek(section.start)
+        head, tail = preview(file, section.stop)
+        dialect = section.dialect.with_decimal_of(head + tail)
+        cells = Cells(path, len(section.axes) + LEADING, dialect, [0, 0, *shifts], allow_short=True, on_bad=on_bad)
+        subs = cells.sample(head + tail)[:, 1]
+        sub_frames = int(np.nanmax(subs, initial=0.0)) + 1 if not np.isnan(subs).all() else 1
+        what = "frame" if sub_frames == 1 else "frame and sub frame"
+        when = Timing(origin, section.rate, source=f"{what} numbers at {section.rate!r} Hz")
+        return cls(section, cells, placements, metadata, note, when, sub_frames)
 
-    def run(self, file: BinaryIO, header: Header, report: Report, on_bad: str) -> int:
-        """Append its rows; returns how many cells were left out."""
-        section = self._section
-        line = header.line + 1
-        cells = Cells(self._path, len(section.axes) + 2, ",", [0, 0, *self._shifts], True, on_bad, stop_at_blank=True)
-        sub_frames = 1
-        for values, at in cells.read(file, line):
-            frames, subs = values[:, 0], values[:, 1]
-            sub_frames = max(sub_frames, _sub_frames(subs))
-            times = self._origin + ((frames - 1) * sub_frames + subs) / section.rate
-            numbers = values[:, 2:]
-            if self._note:
-                restored.turn_back(numbers, self._note, self._points, self._rotations)
-            line += self._tracks.append_from(cells, times, numbers, line)
-            report.add(len(values), at)
-        header.skip(cells.lines)
-        return cells.bad
+    def first_stamp(self, file: BinaryIO) -> float:
+        """Return the first time stamp, in s; NaN if there is none."""
+        file.seek(self.section.start)
+        head, _ = preview(file, self.section.stop)
+        values = self.cells.sample(head)
+        stamps = self._stamps(values)
+        return float(np.nanmin(stamps)) if len(stamps) and not np.isnan(stamps).all() else float("nan")
 
+    def rows(self, file: BinaryIO, report: Report) -> Iterator[tuple[Floats, Floats]]:
+        """Yield time stamps, [N], s, and numbers, [N, C]; several sections can be read by turns."""
+        points = [one.columns for one in vicon_layout.placed(self.section, "") if one.path[0] in ("markers", "pos")]
+        turns = [one.columns for one in vicon_layout.placed(self.section, "") if one.path[0] == "quat"]
+        file.seek(self.section.start)
+        for part in self.cells.read(file, self.section.line, self.section.stop):
+            numbers = part.values[:, LEADING:]
+            if self.note:
+                restored.turn_back(numbers, self.note, points, turns)
+            times, keep = checked(self.cells, self._stamps(part.values), part.lines, 1)
+            report.add(len(numbers), part.at)
+            yield times, numbers if keep is None else numbers[keep]
 
-def _sub_frames(subs: Floats) -> int:
-    known = subs[~np.isnan(subs)]
-    return int(known.max()) + 1 if len(known) else 1
-
-
-def _note(file: BinaryIO) -> Note | None:
-    """Return the note at the end of a file that this library wrote."""
-    size = file.seek(0, 2)
-    file.seek(max(size - _NOTE_BYTES, 0))
-    _, key, text = file.read().rpartition(f"\n{NOTE_KEY}\r\n".encode())
-    file.seek(0)
-    if not key:
-        return None
-    return placement.from_text(text.decode("utf-8", "replace").strip(), _MOST_COLUMNS)
-
-
-def _title(path: Path, header: Header) -> str | None:
-    """Return the first line of the next section; None at the end of the file."""
-    while True:
-        line = header.next_or_none()
-        if line is None:
-            return None
-        title = line.strip().strip(",;")
-        if not title:
-            continue
-        if title in (*SECTIONS, NOTE_KEY):
-            return title
-        known = ", ".join(SECTIONS)
-        raise ForeignFileError(path, f"{title[:40]!r} is not the name of a section; {known} are known", header.line)
+    def _stamps(self, values: Floats) -> Floats:
+        subs = np.nan_to_num(values[:, 1])
+        frames = (values[:, 0] - 1) * self.sub_frames + subs
+        return self.when.stamps(frames, frames)
 
 
-def _head(path: Path, header: Header, title: str) -> _Section | None:
-    """Read the rest of a section's head; None for one without a table of numbers, which is skipped."""
-    text = header.next("the section's rate").strip().strip(",")
-    if title == "Events":
-        while text.strip(" ,"):
-            text = header.next_or_none() or ""
-        return None
-    try:
-        rate = float(text)
-    except ValueError:
-        rate = 0.0
-    if not 0 < rate < 1e9:
-        hint = "; it seems to be separated by ';', as some languages export it" if ";" in text else ""
-        raise ForeignFileError(path, f"{text[:40]!r} is not a rate in Hz{hint}", header.line, 1)
-    names = _cells(path, header, "the row of names")
-    axes = _cells(path, header, "the row of axes")
-    if len(axes) < 2 or axes[0].lower() != "frame" or axes[1].lower().replace(" ", "") != "subframe":
-        hint = "; it seems to be separated by ';': export with commas and points" if ";" in axes[0] else ""
-        raise ForeignFileError(path, f"the row of axes does not begin with Frame and Sub Frame{hint}", header.line, 1)
-    while len(axes) > 2 and not axes[-1]:
-        axes.pop()
-    units = _cells(path, header, "the row of units")
-    refuse_numbers(path, units, "row of units", header.line)
-    count = len(axes)
-    if len(names) > count and any(names[count:]):
-        raise ForeignFileError(path, f"there are names for {len(names)} columns, but axes for {count}", header.line - 2)
-    filled, last = [], ""
-    for name in (names + [""] * count)[2:count]:
-        last = name or last
-        filled.append(last)
-    return _Section(title, rate, filled, axes[2:], [unit.lower() for unit in (units + [""] * count)[2:count]])
+def _connected(tables: Sequence[_Table]) -> list[list[_Table]]:
+    """Return tables in groups: those of one rate that have rows of the same topics."""
+    groups: list[list[_Table]] = []
+    for one in tables:
+        topics = {place.topic for place in one.placements}
+        same = [
+            group
+            for group in groups
+            if any(
+                other.section.rate == one.section.rate and topics & {place.topic for place in other.placements}
+                for other in group
+            )
+        ]
+        groups = [group for group in groups if group not in same]
+        groups.append([table for group in same for table in group] + [one])
+    return groups
 
 
-def _cells(path: Path, header: Header, what: str) -> list[str]:
-    return [cell.strip() for cell in csv_cells(path, header.next(what), header.line)]
-
-
-def _placed(section: _Section, topic: str) -> list[Placement]:
-    """Return where a foreign section's numbers go."""
-    groups: dict[str, list[int]] = {}
-    starts: list[tuple[str, list[int]]] = []
-    for at, name in enumerate(section.names):
-        if not starts or starts[-1][0] != name or section.axes[at] in [section.axes[one] for one in starts[-1][1]]:
-            starts.append((name, []))
-        starts[-1][1].append(at)
-    for name, (_, columns) in zip(distinct([name for name, _ in starts]), starts, strict=True):
-        groups[name] = columns
+def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table], report: Report) -> None:
+    """Append some sections together: what they say of one frame is one row."""
     placements: list[Placement] = []
-    for name, columns in groups.items():
-        by_axis = {section.axes[at].upper(): at for at in columns}
-        if set(by_axis) == set("XYZ") and section.title == "Trajectories":
-            placements.append(marker(name or "marker", tuple(by_axis[axis] for axis in "XYZ"), topic))
-        elif set(_PLACE) <= set(by_axis):
-            where = name.replace(":", "/") or section.title.lower()
-            placements.append(Placement(where, ("pos",), (3,), tuple(by_axis[axis] for axis in _PLACE)))
-            turns = tuple(by_axis[axis] for axis in _ROTATION if axis in by_axis)
-            if len(turns) > 2:
-                placements.append(Placement(where, ("quat" if len(turns) == 4 else "rotation",), (len(turns),), turns))
-        else:
-            where = section.title.lower().replace(" ", "_")
-            paths = {at: tuple(filter(None, (name, section.axes[at]))) or ("value",) for at in columns}
-            placements += [Placement(where, path, (), (at,)) for at, path in paths.items()]
-    return placements
+    metadata: dict[str, dict[str, Any]] = {}
+    width = 0
+    for one in tables:
+        placements += [replace(place, columns=tuple(width + at for at in place.columns)) for place in one.placements]
+        for name, about in one.metadata.items():
+            metadata[name] = vicon_layout.merged(metadata.get(name, {}), {**about, **one.when.metadata})
+        width += len(one.section.axes)
+    is_ours = tables[0].note is not None
+    tracks = Tracks(path, recorder, placements, metadata, skip_empty=is_ours)
+    rows, width = _Apart(path).rows(tables[0], file, report, alone=len(tables) == 1), len(tables[0].section.axes)
+    for one in tables[1:]:
+        more = len(one.section.axes)
+        rows, width = joined(rows, _Apart(path).rows(one, file, report, alone=False), (width, more)), width + more
+    for times, values in rows:
+        tracks.append(times, values)
 
 
-def _about(section: _Section) -> dict[str, Any]:
-    said: dict[str, Any] = {"length_units": "m", "quat_order": "xyzw", "vicon": {"section": section.title}}
-    turned = {unit for axis, unit in zip(section.axes, section.units, strict=True) if axis in _ROTATION[:3]}
-    if "RW" not in section.axes and turned:
-        said["units"] = {"rotation": turned.pop()}
-    return said
+class _Apart:
+    """Lets several sections of a file be read by turns: each through an opening of its own."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def rows(self, table: _Table, file: BinaryIO, report: Report, *, alone: bool) -> Iterator[tuple[Floats, Floats]]:
+        """Yield a section's rows."""
+        if alone:
+            yield from table.rows(file, report)
+            return
+        with opened(self._path) as own:
+            yield from table.rows(own, report)
+
+
+def _append_events(
+    path: Path, recorder: Recorder, events: Sequence[tuple[int, dict[str, str]]], when: Timing, on_bad: str
+) -> int:
+    """Append events as rows of text; returns how many have no time and were left out."""
+    rows: list[dict[str, Any]] = []
+    for line, event in events:
+        word = next((word for word in event if word.lower().startswith("time")), "Time (s)")
+        time = number(event.get(word, ""))
+        if time is None or when.origin + time + when.shift < 0:
+            if on_bad == "raise":
+                what = f"the event has the time {event.get(word, '')!r}, which is none"
+                raise ForeignFileError(path, f"{what}; pass on_bad='missing' to leave it out", line)
+            continue
+        said = {key.lower().replace(" ", "_"): value for key, value in event.items() if key and key != word}
+        rows.append({**said, "_ts": when.origin + time + when.shift})
+    if rows:
+        about = {"vicon": {"section": "Events"}, **when.metadata}
+        recorder._open(_EVENTS_TOPIC, SAMPLE, Topic, metadata=about).append_batch(rows)
+    return len(events) - len(rows)
 
 
 def _part(note: Note, first: int, count: int) -> Note:

@@ -11,22 +11,31 @@ import numpy as np
 
 from ..mocap.placement import Placement
 from ..recorder import Recorder
-from . import Progress
+from . import Progress, timing
 from .cells import Cells
-from .headers import Header, check_on_bad, csv_cells, first_line, refuse_semicolons
+from .dialect import of_line
+from .headers import Header, check_on_bad, preview, without_empty_end
+from .plain_text import first_line, opened
+from .timing import Clue, Timing
 from .tracks import Report, Tracks
 
-_START = re.compile("frame[,;\t]time([,;\t]|$)", re.IGNORECASE)
+_START = re.compile(r'[ \t"]*frame[ \t"]*[,;\t][ \t"]*time[ \t"\r]*([,;\t]|$)', re.IGNORECASE)
 _INDEXED = re.compile(r"(.+?)((?:\.\d+)+)")
 
 
 def detect(path: Path) -> str | None:
     """Return "wide" for a table whose first columns are frame and time."""
-    return "wide" if _START.match(first_line(path).strip()) else None
+    return "wide" if _START.match(first_line(path)) else None
 
 
 def record(
-    src: Path, recorder: Recorder, *, progress: Progress | None = None, on_bad: str = "raise", topic: str | None = None
+    src: Path,
+    recorder: Recorder,
+    *,
+    progress: Progress | None = None,
+    on_bad: str = "raise",
+    start: float | None = None,
+    topic: str | None = None,
 ) -> None:
     """Append a wide table: `q.0`, `q.1`, ... become the vector `q`, and `robot:q.0` one of the topic `robot`.
 
@@ -35,6 +44,7 @@ def record(
         recorder: Where its rows go.
         progress: Called now and then with the rows done and the rows in all.
         on_bad: What to do with cells that are no numbers: "raise", or "missing" to leave them out and warn.
+        start: The time stamp of its time 0, in s.
         topic: The topic of columns that do not say theirs; the file's name by default.
 
     Raises:
@@ -42,23 +52,25 @@ def record(
     """
     check_on_bad(on_bad)
     report = Report(src, progress)
-    with src.open("rb") as file:
+    with opened(src) as file:
         header = Header(src, file)
-        names = _names(src, header)
-        tracks = Tracks(recorder, _placements(names, topic or src.stem), {}, skip_empty=True)
-        cells = Cells(src, len(names) + 2, on_bad=on_bad)
-        line = 2
-        for values, at in cells.read(file, line):
-            line += tracks.append_from(cells, values[:, 1], values[:, 2:], line)
-            report.add(len(values), at)
+        text = header.next("the row of column names")
+        dialect = of_line(text, default=",")
+        names = without_empty_end(dialect.split(text))[2:]
+        placements = _placements(names, topic or src.stem)
+        head, tail = preview(file)
+        cells = Cells(src, len(names) + 2, dialect.with_decimal_of(head + tail), on_bad=on_bad)
+        when, clue = Timing(start or 0.0), Clue(1, 0)
+        first_s = timing.first_stamp(clue, cells, file, when)
+        when = timing.not_below_zero(src, when, [first_s], is_asked=start is not None)
+        topics = dict.fromkeys(one.topic for one in placements)
+        # a row is a row of every topic that has a number in it; of a topic alone it is one in any case
+        tracks = Tracks(src, recorder, placements, dict.fromkeys(topics, when.metadata), skip_empty=len(topics) > 1)
+        for part in cells.read(file, header.line + 1):
+            times = when.stamps(part.values[:, 0], part.values[:, 1])
+            tracks.append_from(cells, times, part.values[:, 2:], part.lines, 2)
+            report.add(len(part.values), part.at)
     report.finish(cells.bad)
-
-
-def _names(path: Path, header: Header) -> list[str]:
-    text = header.next("the row of column names")
-    if "," not in text:
-        refuse_semicolons(path)
-    return csv_cells(path, text, 1)[2:]
 
 
 def _placements(names: Sequence[str], topic: str) -> list[Placement]:
