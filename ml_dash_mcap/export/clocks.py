@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -12,6 +13,7 @@ import numpy.typing as npt
 from .. import clock as clocks
 from ..clock import NS_PER_S
 from ..errors import ConversionError, OptionError
+from ..layout import TRACK
 from ..mocap import frames
 from ..mocap.frames import Spacing
 from ..read import counts, rows
@@ -22,6 +24,9 @@ Rate = float | Literal["median"] | None
 """Frames a second, or the rate of the samples; None for the samples as they are, which must be evenly spaced."""
 
 _HIGHEST_RATE = 1e6
+
+_MOST_DECIMALS = 9
+"""Nanoseconds."""
 
 
 class Part(NamedTuple):
@@ -51,6 +56,19 @@ class Clock:
     first_s: float
     """The first time stamp, in s."""
 
+    def time_decimals(self, decimals: int | None) -> int | None:
+        """Return how many decimals times need so that no two frames print the same; None for all.
+
+        Args:
+            decimals: That numbers have; times have no fewer.
+        """
+        if decimals is None:
+            return None
+        steps = np.diff(self.times_ns)
+        shortest_s = min(steps[steps > 0], default=0) / NS_PER_S if not self.is_resampled else 1 / self.rate
+        needed = math.ceil(-math.log10(shortest_s * frames.TOLERANCE)) if shortest_s else 0
+        return max(decimals, min(needed, _MOST_DECIMALS))
+
     def part(self, first: int, stop: int) -> Part:
         """Return the frames [first, stop)."""
         which = np.arange(first, stop)
@@ -69,9 +87,13 @@ class Clock:
         Raises:
             ConversionError: Two of them have the same.
         """
-        found = self.numbers[self._find(times)]
-        if len(found) > 1 and not np.diff(found).all():
-            at = int((np.diff(found) == 0).argmax())
+        samples = self._find(times)
+        again = np.arange(len(samples)) - np.searchsorted(samples, samples)
+        samples = np.minimum(samples + again, len(self.times_ns) - 1)
+        found = self.numbers[samples]
+        wrong = np.flatnonzero((np.diff(found) == 0) | (self.times_ns[samples] != self.times_ns[samples - again])[1:])
+        if len(wrong):
+            at = int(wrong[0])
             raise ConversionError(
                 f"topic {topic!r}: its rows at _ts={float(times[at])!r} and {float(times[at + 1])!r} are in the same"
                 " nanosecond; pass rate= to resample"
@@ -79,12 +101,12 @@ class Clock:
         return found
 
     def _find(self, times: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
-        """Return which sample each time is."""
+        """Return which sample each time is; of several at one time, the first."""
         times_ns = clocks.to_nanoseconds_each(times).astype(np.int64)
         after = np.minimum(np.searchsorted(self.times_ns, times_ns), len(self.times_ns) - 1)
         before = np.maximum(after - 1, 0)
         is_before = np.abs(self.times_ns[before] - times_ns) < np.abs(self.times_ns[after] - times_ns)
-        return np.where(is_before, before, after)
+        return np.searchsorted(self.times_ns, self.times_ns[np.where(is_before, before, after)])
 
 
 def find(
@@ -111,17 +133,16 @@ def find(
     check_rate(rate)
     low, high = rows.to_ns_range(job.low, job.high)
     topics = list(dict.fromkeys(topics))
-    every = {
-        topic: np.unique(counts.times(job.files, topic, low, high)).astype(np.int64)
-        for topic in dict.fromkeys((*topics, *with_origin))
-    }
+    every = {topic: _times(job, topic, low, high) for topic in dict.fromkeys((*topics, *with_origin))}
     times = {topic: every[topic] for topic in topics if len(every[topic])}
     if not times:
         raise ConversionError("there are no rows to export in this time range")
-    spacings = {topic: frames.spacing(found) for topic, found in times.items()}
+    if needs_even and rate is None:
+        _refuse_same(times)
+    spacings = {topic: frames.spacing(np.unique(found)) for topic, found in times.items()}
     medians = {topic: one.median_ns for topic, one in spacings.items()}
     medians.update((topic, 0.0) for topic in topics if topic not in medians)
-    union = np.unique(np.concatenate(list(times.values())))
+    union = _union(list(times.values()))
     first_s = _first(job, times)
     started = {topic: found for topic, found in every.items() if len(found)}
     last_ns = max(int(found[-1]) for found in started.values())
@@ -135,6 +156,32 @@ def find(
     count = frames.count_at(hz, first_s, clocks.to_seconds(int(union[-1]))) if hz else 1
     none: npt.NDArray[np.int64] = np.empty(0, np.int64)
     return Clock(origin, hz, count, True, medians, none, none, first_s)
+
+
+def _times(job: Job, topic: str, low: int, high: int) -> npt.NDArray[np.int64]:
+    """Return the times of a topic's rows, ascending, in ns; those of a track have merged where they are the same."""
+    found = counts.times(job.files, topic, low, high).astype(np.int64)
+    return np.unique(found) if counts.kind(job.files, topic) == TRACK else np.sort(found)
+
+
+def _union(times: list[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
+    """Return all times, ascending; one that a topic has several times as often as the topic that has it most often."""
+    if all(np.diff(found).all() for found in times):
+        return np.unique(np.concatenate(times))
+    numbered = [np.stack((found, np.arange(len(found)) - np.searchsorted(found, found)), axis=1) for found in times]
+    return np.unique(np.concatenate(numbered), axis=0)[:, 0]
+
+
+def _refuse_same(times: dict[str, npt.NDArray[np.int64]]) -> None:
+    """Raise ConversionError for rows of one topic that have the same time, where each frame has one of its own."""
+    for topic, found in times.items():
+        same = np.flatnonzero(np.diff(found) == 0)
+        if len(same):
+            raise ConversionError(
+                f"topic {topic!r}: {len(same)} of its rows have the time of the row before, for the first time at"
+                f" _ts={clocks.to_seconds(int(found[same[0]]))!r}, and a file of frames has no place for both; pass"
+                " rate= to resample, or export it as 'sto', 'csv' or layout='wide', which have"
+            )
 
 
 def check_rate(rate: Rate) -> None:

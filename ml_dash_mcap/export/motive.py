@@ -107,10 +107,10 @@ def nothing(job: Job, has_joints: bool) -> str:
 def _write(take: Take, form: Form, file: BinaryIO, joints: str | None) -> None:
     columns = list(_columns(take))
     file.write(_header(take, form, columns, joints).encode())
-    text = TableText(decimals=form.decimals)
+    text = TableText(decimals=form.decimals, time_decimals=take.clock.time_decimals(form.decimals))
     order = [column.source for column in columns]
     is_in_order = order == list(range(sum(1 for _ in order)))
-    units = {id(thing): take.unit_of(thing) for thing in take.things}
+    units = {id(one.thing): take.unit_of(one.thing) for one in columns if one.is_length}
     shifts = [DECIMALS[form.length_units] - DECIMALS[units[id(one.thing)]] if one.is_length else 0 for one in columns]
     for window in take.windows():
         values = window.values if is_in_order and window.values.shape[1] == len(order) else window.values[:, order]

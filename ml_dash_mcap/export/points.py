@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +34,7 @@ class Points:
     @property
     def names(self) -> list[str]:
         """Of the points, without tabs and ends of lines."""
-        return [" ".join(thing.name.split()) for thing in self.things]
+        return [re.sub(r"[\t\r\n]+", " ", thing.name).strip(" ") for thing in self.things]
 
     def of(self, values: Floats) -> Floats:
         """Return the points among a window's values, [N, 3 M]; one without all of its numbers is missing."""

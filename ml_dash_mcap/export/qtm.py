@@ -53,7 +53,7 @@ def export(
         ("MARKER_NAMES", "\t".join(names)),
     ]
     labels = ["Frame", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
-    text = TableText(separator="\t", decimals=decimals)
+    text = TableText(separator="\t", decimals=decimals, time_decimals=clock.time_decimals(decimals))
     with fresh_file(job.dest) as path, path.open("wb") as file:
         file.write("".join(f"{key}\t{value}\r\n" for key, value in pairs).encode())
         file.write(("\t".join(labels) + "\r\n").encode())

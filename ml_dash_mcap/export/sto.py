@@ -85,7 +85,7 @@ def write(
         placing.add(joint, {"value": [at]})
     metadata = {topic: job.topics[topic].metadata for topic in topics}
     note = to_text(Note(clock.origin, placements=placing.placements(), metadata=metadata))
-    text = TableText(separator="\t", end="\n", decimals=decimals)
+    text = TableText(separator="\t", end="\n", decimals=decimals, time_decimals=clock.time_decimals(decimals))
     count = 0
     with path.open("w+b") as file:
         file.write(b"Coordinates\nversion=1\nnRows=")

@@ -20,12 +20,28 @@ class TableText:
     """
 
     def __init__(
-        self, *, separator: str = ",", missing: str = "", end: str = "\r\n", decimals: int | None = None
+        self,
+        *,
+        separator: str = ",",
+        missing: str = "",
+        end: str = "\r\n",
+        decimals: int | None = None,
+        time_decimals: int | None = None,
     ) -> None:
+        """Set how rows look.
+
+        Args:
+            separator: Between cells.
+            missing: What stands for a number that is missing.
+            end: Of a row.
+            decimals: Of each number; None for as many as it needs to come back the same.
+            time_decimals: The same of times, if `decimals` is given.
+        """
         self._separator = separator.encode()
         self._missing = missing.encode()
         self._end = end.encode()
         self._decimals = decimals
+        self._time_decimals = decimals if time_decimals is None else time_decimals
 
     def rows(self, heads: Sequence[bytes], values: Floats, shifts: Sequence[int] | None = None) -> bytes:
         """Spell rows.
@@ -54,10 +70,10 @@ class TableText:
         return list(map(self._separator.join, zip(numbers(frames), self.times(times), *behind, strict=True)))
 
     def times(self, times: Floats) -> list[bytes]:
-        """Spell the time of each row, with as many decimals as all else."""
+        """Spell the time of each row."""
         if self._decimals is None:
             return numbers(times)
-        return [f"{time:.{self._decimals}f}".encode() for time in times.tolist()]
+        return [f"{time:.{self._time_decimals}f}".encode() for time in times.tolist()]
 
     def _plain(self, values: Floats) -> list[bytes]:
         text, border = orjson.dumps(np.ascontiguousarray(values), option=orjson.OPT_SERIALIZE_NUMPY), b"],["

@@ -56,7 +56,9 @@ def export(
         ["", "", *axes],
         [],
     ]
-    text = TableText(separator="\t", missing="nan", end="\n", decimals=decimals)
+    text = TableText(
+        separator="\t", missing="nan", end="\n", decimals=decimals, time_decimals=clock.time_decimals(decimals)
+    )
     with fresh_file(job.dest) as path, path.open("wb") as file:
         file.write("".join("\t".join(line) + "\n" for line in lines).encode())
         for window in points.take.windows():

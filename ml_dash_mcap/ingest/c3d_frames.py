@@ -108,8 +108,10 @@ def lay_out(path: Path, head: Head, data: memoryview, *, is_lenient: bool) -> tu
         end = rotations_at
     room = (end - start) // frame_bytes
     stated = _stated(head)
-    if stated and max(stated) == _MOST_COUNTED and room > _MOST_COUNTED:
-        stated.append(room)  # more than 16 bits can say
+    if stated and max(stated) == _MOST_COUNTED and room > _MOST_COUNTED:  # more than 16 bits can say
+        last_block = data[max(end - BLOCK, start) : end]
+        filling = len(last_block) - len(bytes(last_block).rstrip(b"\0"))
+        stated.append(room - filling // frame_bytes)
     fitting = sorted(count for count in stated if count <= room)
     for less, count in zip([0, *fitting][::-1][1:], fitting[::-1], strict=True):
         if not less or any(data[start + less * frame_bytes : start + count * frame_bytes]):

@@ -55,9 +55,9 @@ def accepted(path: Path, placements: Sequence[Placement]) -> list[Placement]:
         topic, field = topics[one.topic], one.path
         if any((topic, field[:length]) in all_paths for length in range(1, len(field))):
             field = (".".join(field),)  # a field cannot be a dict too
-        if field[0] in _RESERVED:
-            changed.append(f"{field[0]!r} is {field[0] + '_'!r}")
-            field = (f"{field[0]}_", *field[1:])
+        for name in set(field) & set(_RESERVED):
+            changed.append(f"{name!r} is {name + '_'!r}")
+        field = tuple(f"{name}_" if name in _RESERVED else name for name in field)
         number, last = 2, field[-1]
         while (topic, field) in taken:
             field, number = (*field[:-1], f"{last}#{number}"), number + 1

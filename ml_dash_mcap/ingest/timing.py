@@ -122,12 +122,12 @@ def not_below_zero(path: Path, timing: Timing, first_s: Iterable[float], *, is_a
 
 
 def first_stamp(clue: Clue, cells: Cells, file: BinaryIO, timing: Timing) -> float:
-    """Return the earliest time stamp among the first rows of a table, in s; NaN if it has none."""
+    """Return the time stamp of the first row of a table that has one, in s; NaN if none has."""
     head, _ = preview(file)
     values = cells.sample(_rows(cells, head))
     stamps = timing.stamps(clue.frames(values, 0), values[:, clue.time])
     stamps = stamps[~np.isnan(stamps)]
-    return float(stamps.min()) if len(stamps) else float("nan")
+    return float(stamps[0]) if len(stamps) else float("nan")
 
 
 def _rows(cells: Cells, lines: Sequence[str]) -> list[str]:
@@ -174,11 +174,15 @@ def _by_frames(clue: Clue, parts: Iterable[Part], grid: float) -> Timing | None:
         low, high = min(low, off.min(initial=np.inf)), max(high, off.max(initial=-np.inf))
     if first is None:
         return None
-    tolerance = grid * (1 + _SLACK)
+    best = grid * (1 + _SLACK)
+    chosen: tuple[float, float] | None = None
     for start, base in (*((start, 0.0) for start in clue.starts), first):
         offset = base - start / clue.rate
-        if high - offset <= tolerance and offset - low <= tolerance:
-            what = "rows" if clue.frame is None else "frame numbers"
-            source = f"{what} at {clue.rate!r} Hz, for the printed times have too few decimals"
-            return Timing(0.0, clue.rate, start, base, source)
-    return None
+        worst = max(high - offset, offset - low)
+        if worst <= best:
+            best, chosen = worst - grid * _SLACK, (start, base)
+    if chosen is None:
+        return None
+    what = "rows" if clue.frame is None else "frame numbers"
+    source = f"{what} at {clue.rate!r} Hz, for the printed times have too few decimals"
+    return Timing(0.0, clue.rate, *chosen, source)

@@ -120,12 +120,13 @@ class _Table:
         return cls(section, cells, placements, metadata, note, when, sub_frames)
 
     def first_stamp(self, file: BinaryIO) -> float:
-        """Return the first time stamp, in s; NaN if there is none."""
+        """Return the time stamp of the first row that has one, in s; NaN if none has."""
         file.seek(self.section.start)
         head, _ = preview(file, self.section.stop)
         values = self.cells.sample(head)
         stamps = self._stamps(values)
-        return float(np.nanmin(stamps)) if len(stamps) and not np.isnan(stamps).all() else float("nan")
+        known = stamps[~np.isnan(stamps)]
+        return float(known[0]) if len(known) else float("nan")
 
     def rows(self, file: BinaryIO, report: Report) -> Iterator[tuple[Floats, Floats]]:
         """Yield time stamps, [N], s, and numbers, [N, C]; several sections can be read by turns."""

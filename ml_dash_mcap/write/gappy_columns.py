@@ -38,7 +38,7 @@ def check(name: str, column: Any, count: int, topic: str) -> None:
     """Raise FieldError unless a column is numbers, one value a row, or a dict of such."""
     if isinstance(column, Mapping):
         for key, one in column.items():
-            if not isinstance(key, str) or key == TIME_KEY or not key.isprintable():
+            if not isinstance(key, str) or key == TIME_KEY or not _is_unicode(key):
                 raise FieldError(f"append_columns() on topic {topic!r}: {name!r} has the key {key!r}, which is no name")
             check(f"{name}.{key}", one, count, topic)
         return
@@ -52,6 +52,14 @@ def check(name: str, column: Any, count: int, topic: str) -> None:
             f"append_columns() on topic {topic!r}: column {name!r} has the shape {column.shape}, but _ts has"
             f" {count} rows"
         )
+
+
+def _is_unicode(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 @dataclass(frozen=True, slots=True)
