@@ -173,7 +173,6 @@ def test_whole_numbers_are_scaled_as_ezc3d_and_c3d_do(tmp_path: Path) -> None:
         "RATE": [50.0],
         "UNITS": ["mm"],
         "LABELS": ["a"],
-        "DATA_START": [4],
     }
     analog = {"USED": [2], "LABELS": ["u", "v"], "UNITS": ["V", ""], "RATE": [50.0], "GEN_SCALE": [0.5], "SCALE": [2.0, 1.0], "OFFSET": [2048, 0], "FORMAT": "SIGNED"}  # fmt: skip
     file = tmp_path / "x.c3d"
