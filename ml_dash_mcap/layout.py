@@ -44,9 +44,8 @@ KIND_KEY = "kind"
 """In a channel's metadata: one of the kinds below."""
 
 TRACK, LOG, METRIC, FILE, EPISODE, MESSAGE = "track", "log", "metric", "file", "episode", "message"
-SAMPLE = "sample"
-"""Only the rows of tracks merge. Messages are those of other people's bags, converted; samples are the rows of other
-people's tables, such as the frames of a take."""
+"""Only the rows of tracks merge. Messages are other people's: those of a bag, the rows of a table, the frames of a
+take."""
 
 BLOCK_OPCODE = 0x8B
 """A private record (https://mcap.dev/spec#opcodes: other readers pass over it) behind the chunks of each block, with

@@ -82,7 +82,7 @@ class Cells:
     """"raise", or "missing"."""
     keeps_blank_rows: bool = False
     """Whether a row that has all of its separators, and nothing between them, is one."""
-    padding: int = 0
+    padding: int = field(default=0, init=False)
     """How many empty cells most lines have behind their last; others may have more or less."""
     bad: int = field(default=0, init=False)
     """How many cells were no numbers, so far."""
@@ -102,6 +102,14 @@ class Cells:
             self.bad += part.bad
             if len(part.values):
                 yield part
+
+    def learn(self, lines: Sequence[str]) -> None:
+        """Find out by some lines of numbers how decimals are spelt, and how many empty cells stand behind the last."""
+        rows = [line for line in lines if not self.dialect.is_blank(line)]
+        self.dialect = self.dialect.with_decimal_of(rows)
+        cells = self._split(rows[0].rstrip("\r"), 0) if rows else []
+        behind = cells[self.columns :]
+        self.padding = 0 if any(cell.strip(f'{BLANKS}"') for cell in behind) else len(behind)
 
     def sample(self, lines: Sequence[str]) -> Floats:
         """Return the numbers of some lines, without those that are blank; what is no number is missing."""
@@ -238,7 +246,7 @@ class Cells:
         """Return a line's numbers, how many of its cells are none, and its texts."""
         bad = 0
         cells = self._split(text, line)
-        while len(cells) > self.columns and not cells[-1].strip(BLANKS):
+        while len(cells) > self.columns and not cells[-1].strip(f'{BLANKS}"'):
             cells.pop()
         is_short = len(cells) < self.columns
         if len(cells) > self.columns or (is_short and not self.allow_short):

@@ -16,7 +16,7 @@ from ..recorder import Recorder
 from ..rows.encode import TIME_KEY
 from . import Progress, csv_tokens, csv_types, table_files, table_times
 from .csv_tokens import Rows, Tokens
-from .headers import distinct
+from .names import distinct
 from .table_intake import TableOptions
 
 SUFFIXES = (".csv", ".tsv")

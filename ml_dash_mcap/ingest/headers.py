@@ -10,7 +10,7 @@ from zoneinfo import ZoneInfo
 
 from ..errors import ForeignFileError, OptionError
 from ..mocap.space import UNITS
-from .dialect import Dialect, number
+from .dialect import BLANKS, Dialect, number
 from .plain_text import decoded
 
 _LONGEST_BYTES = 1 << 26
@@ -50,6 +50,17 @@ class Header:
             raise ForeignFileError(self._path, f"the line has more than {_LONGEST_BYTES} bytes", self.line + 1)
         self.line += 1
         return decoded(raw).lstrip("\ufeff").rstrip("\r\n") if self.line == 1 else decoded(raw).rstrip("\r\n")
+
+    def first(self, what: str) -> str:
+        """Return the next line that has more than blanks and separators.
+
+        Raises:
+            ForeignFileError: As `next`.
+        """
+        line = self.next(what)
+        while not line.strip(f'{BLANKS},;"'):
+            line = self.next(what)
+        return line
 
     def row(self, what: str, dialect: Dialect) -> list[str]:
         """Return the cells of the next line that has any, without the empty ones at its end.

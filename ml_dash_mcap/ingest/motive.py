@@ -7,6 +7,7 @@ and IDs without labels, 1.23 labels them, 1.24 may have a column of time codes, 
 from __future__ import annotations
 
 import contextlib
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -67,7 +68,7 @@ def record(
     report = Report(src, progress)
     with opened(src) as file, contextlib.ExitStack() as files:
         header = Header(src, file)
-        first = header.next("its first line")
+        first = header.first("its first line")
         dialect = of_line(first.lstrip(' "').removeprefix("Format Version").lstrip(' "')[:1], default=",")
         pairs = motive_header.read_pairs(src, first, dialect)
         layout = motive_header.read_columns(src, header, dialect)
@@ -78,12 +79,8 @@ def record(
         shifts = [-DECIMALS[unit] if at in lengths else 0 for at in range(len(columns))]
         if note:
             shifts = restored.shifts(note, DECIMALS[unit], len(columns), lengths)
-        head, tail = preview(file)
-        dialect = dialect.with_decimal_of(head + tail)
-        cells = Cells(
-            src, len(columns) + leading, dialect, [0] * leading + shifts, layout.time_codes, on_bad=on_bad,
-            padding=_padding(head, dialect.separator, len(columns) + leading),
-        )  # fmt: skip
+        cells = Cells(src, len(columns) + leading, dialect, [0] * leading + shifts, layout.time_codes, on_bad=on_bad)
+        cells.learn([*itertools.chain(*preview(file))])
         line = header.line + 1
         origin = start if start is not None else note.origin if note else None
         if origin is None:
@@ -113,13 +110,6 @@ def record(
                 tracks.append(times, values)
             cells.bad += table.cells.bad
     report.finish(cells.bad)
-
-
-def _padding(lines: list[str], separator: str, columns: int) -> int:
-    """Return how many empty cells the first line of numbers has behind its last, as spreadsheets save them."""
-    first = next((line for line in lines if line.strip(f' "\r{separator}')), "")
-    cells = first.rstrip("\r").split(separator)
-    return max(len(cells) - columns, 0) if not any(cells[columns:]) else 0
 
 
 def _restored(parts: Iterator[Part], note: Note, leading: int, layout: motive_header.Layout) -> Iterator[Part]:

@@ -55,8 +55,7 @@ def accepted(path: Path, placements: Sequence[Placement]) -> list[Placement]:
         topic, field = topics[one.topic], one.path
         if any((topic, field[:length]) in all_paths for length in range(1, len(field))):
             field = (".".join(field),)  # a field cannot be a dict too
-        for name in set(field) & set(_RESERVED):
-            changed.append(f"{name!r} is {name + '_'!r}")
+        changed += [f"{name!r} is {name + '_'!r}" for name in _RESERVED if name in field]
         field = tuple(f"{name}_" if name in _RESERVED else name for name in field)
         number, last = 2, field[-1]
         while (topic, field) in taken:

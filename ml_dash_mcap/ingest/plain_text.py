@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import contextlib
+import re
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,13 +17,14 @@ _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def first_line(path: Path) -> str:
-    """Return what a file begins with, up to the end of its first line, without a byte order mark; "" for a folder."""
+    """Return a file's first line that is not blank, without a byte order mark; "" for a folder."""
     if not path.is_file():
         return ""
     with path.open("rb") as file:
         data = file.read(4096)
     text = data.decode("utf-16", "replace") if data.startswith(_UTF_16) else decoded(data)
-    return text.lstrip("\ufeff").split("\n", 1)[0].split("\r", 1)[0]
+    lines = re.split(r"[\r\n]+", text.lstrip("\ufeff"))
+    return next((line for line in lines if line.strip(' \t,;"')), "")
 
 
 @contextlib.contextmanager

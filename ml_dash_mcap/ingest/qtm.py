@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ from .tracks import Report, Tracks
 from .trc import about_points, marker
 
 NOTE_WORD = "ML_DASH_NOTE"
-_FIRST_WORD = re.compile(r'[ \t"]*(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS)"?[\t,;]')
+_FIRST_WORD = re.compile(r'[ \t"]*(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS)"? *[\t,;]')
 _WORD = re.compile(r"[A-Z][A-Z0-9_]*$")
 _BODY_COLUMNS = 16
 """X Y Z, roll pitch yaw, residual, and the rotation matrix column by column."""
@@ -86,11 +87,11 @@ def record(
         if origin is None:
             origin = start_times.read(src, " ".join(keys.get("TIME_STAMP", [])), "TIME_STAMP", timezone) or 0.0
         leading = 2 if has_times else 0
-        head, tail = preview(file)
         cells = Cells(
-            src, count + leading, dialect.with_decimal_of(head + tail), [0] * leading + shifts, allow_short=True,
+            src, count + leading, dialect, [0] * leading + shifts, allow_short=True,
             on_bad=on_bad, keeps_blank_rows=not has_times,
         )  # fmt: skip
+        cells.learn([*itertools.chain(*preview(file))])
         rate, line = _rate(src, keys, has_times), header.line + 1
         when = Timing(origin, rate, source=f"rows at {rate!r} Hz")
         if has_times:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -25,6 +26,7 @@ NOTE_LINE = "ml_dash_note"
 TOPIC = "joints"
 _SUFFIXES = (".sto", ".mot")
 _MOST_HEADER_LINES = 1000
+_QUOTED = re.compile(r'"((?:[^"]|"")*)"')
 _DOUBLES = ("", "double", "float")
 
 
@@ -156,8 +158,8 @@ def table(src: Path, *, on_bad: str, start: float | None) -> Iterator[Table]:
         if kind is not None:
             cells: Cells = sto_vectors.VectorCells(src, len(names), dialect, kind, on_bad)
         elif keys.get("datatype", "").lower() in _DOUBLES:
-            dialect = _of_numbers(dialect, head).with_decimal_of(head + tail)
-            cells = Cells(src, len(names), dialect, on_bad=on_bad)
+            cells = Cells(src, len(names), _of_numbers(dialect, head), on_bad=on_bad)
+            cells.learn(head + tail)
         else:
             known = ", ".join(("double", *(one.word for one in sto_vectors.KINDS.values())))
             raise ForeignFileError(src, f"DataType={keys['datatype']} is not known; {known} are")
@@ -202,7 +204,9 @@ def _keys(path: Path, header: Header) -> dict[str, str]:
     """
     said: dict[str, str] = {}
     while True:
-        line = header.next("'endheader'").strip(f"{BLANKS},;").strip('"')
+        line = header.next("'endheader'").strip(BLANKS)
+        quoted = _QUOTED.match(line)
+        line = quoted[1].replace('""', '"') if quoted else line.strip(f"{BLANKS},;")
         if line.lower() == "endheader":
             return said
         if header.line > _MOST_HEADER_LINES:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..clock import END_S
 from ..errors import ConversionWarning, ForeignFileError
-from ..layout import SAMPLE
+from ..layout import MESSAGE
 from ..mocap.placement import Placement
 from ..recorder import Recorder
 from ..topic import Topic
@@ -50,7 +50,7 @@ class Arrays:
             self._topics.setdefault(one.topic, []).append(one)
             about.setdefault(one.topic, metadata.get(before.topic) or {})
         self._tracks = {
-            name: recorder._open(name, SAMPLE, Topic, metadata=about[name] or None) for name in self._topics
+            name: recorder._open(name, MESSAGE, Topic, metadata=about[name] or None) for name in self._topics
         }
         self._skip_empty = skip_empty
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -57,11 +58,10 @@ def record(
     report = Report(src, progress)
     with opened(src) as file:
         header = Header(src, file)
-        first = header.next("'PathFileType'")
-        at_keys = header.at()
+        first = header.first("'PathFileType'")
+        at_keys, line_of_keys = header.at(), header.line
         dialect = _dialect(header, first)
-        file.seek(at_keys)
-        header.line = 1
+        header.to(at_keys, line_of_keys)
         about = dialect.split(first) if dialect.separator != " " else first.split("\t")
         keys = header.row("the row of keys", dialect)
         values = header.row("the row of values", dialect)
@@ -75,11 +75,8 @@ def record(
         if note:
             shifts = restored.shifts(note, DECIMALS[unit], count, range(count))
             origin = note.origin if start is None else start
-        head, tail = preview(file)
-        cells = Cells(
-            src, count + _LEADING, dialect.with_decimal_of(head + tail), [0, 0, *shifts], allow_short=True,
-            on_bad=on_bad,
-        )  # fmt: skip
+        cells = Cells(src, count + _LEADING, dialect, [0, 0, *shifts], allow_short=True, on_bad=on_bad)
+        cells.learn([*itertools.chain(*preview(file))])
         line = header.line + 1
         clue = Clue(1, 0, number(said.get("datarate", "")), _starts(said))
         when = timing.find(clue, cells, file, line, origin)

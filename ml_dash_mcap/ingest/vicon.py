@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ..errors import ForeignFileError
-from ..layout import SAMPLE
+from ..layout import MESSAGE
 from ..mocap import space
 from ..mocap.objects import MARKERS_TOPIC
 from ..mocap.placement import Note, Placement
@@ -111,8 +111,9 @@ class _Table:
             placements, metadata = list(note.placements), {name: dict(one) for name, one in note.metadata.items()}
         file.seek(section.start)
         head, tail = preview(file, section.stop)
-        dialect = section.dialect.with_decimal_of(head + tail)
-        cells = Cells(path, len(section.axes) + LEADING, dialect, [0, 0, *shifts], allow_short=True, on_bad=on_bad)
+        count = len(section.axes) + LEADING
+        cells = Cells(path, count, section.dialect, [0, 0, *shifts], allow_short=True, on_bad=on_bad)
+        cells.learn(head + tail)
         subs = cells.sample(head + tail)[:, 1]
         sub_frames = int(np.nanmax(subs, initial=0.0)) + 1 if not np.isnan(subs).all() else 1
         what = "frame" if sub_frames == 1 else "frame and sub frame"
@@ -217,7 +218,7 @@ def _append_events(
         rows.append({**said, "_ts": when.origin + time + when.shift})
     if rows:
         about = {"vicon": {"section": "Events"}, **when.metadata}
-        recorder._open(_EVENTS_TOPIC, SAMPLE, Topic, metadata=about).append_batch(rows)
+        recorder._open(_EVENTS_TOPIC, MESSAGE, Topic, metadata=about).append_batch(rows)
     return len(events) - len(rows)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Sequence
@@ -54,12 +55,12 @@ def record(
     report = Report(src, progress)
     with opened(src) as file:
         header = Header(src, file)
-        text = header.next("the row of column names")
+        text = header.first("the row of column names")
         dialect = of_line(text, default=",")
         names = without_empty_end(dialect.split(text))[2:]
         placements = _placements(names, topic or src.stem)
-        head, tail = preview(file)
-        cells = Cells(src, len(names) + 2, dialect.with_decimal_of(head + tail), on_bad=on_bad)
+        cells = Cells(src, len(names) + 2, dialect, on_bad=on_bad)
+        cells.learn([*itertools.chain(*preview(file))])
         when, clue = Timing(start or 0.0), Clue(1, 0)
         first_s = timing.first_stamp(clue, cells, file, when)
         when = timing.not_below_zero(src, when, [first_s], is_asked=start is not None)

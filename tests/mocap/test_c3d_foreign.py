@@ -176,7 +176,9 @@ def test_whole_numbers_are_scaled_as_ezc3d_and_c3d_do(tmp_path: Path) -> None:
     }
     analog = {"USED": [2], "LABELS": ["u", "v"], "UNITS": ["V", ""], "RATE": [50.0], "GEN_SCALE": [0.5], "SCALE": [2.0, 1.0], "OFFSET": [2048, 0], "FORMAT": "SIGNED"}  # fmt: skip
     file = tmp_path / "x.c3d"
-    file.write_bytes(build(frames, {"POINT": point, "ANALOG": analog}, points=1, analogs=2, samples=1, scale=0.1, rate=50.0))
+    file.write_bytes(
+        build(frames, {"POINT": point, "ANALOG": analog}, points=1, analogs=2, samples=1, scale=0.1, rate=50.0)
+    )
     back = read_back(file, tmp_path / "back")
     judge = ezc3d.c3d(str(file))["data"]
     np.testing.assert_allclose(

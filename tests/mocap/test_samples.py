@@ -186,7 +186,7 @@ def test_imported_topics_are_samples_and_what_is_exported_of_them_is_read_so_aga
     (tmp_path / "x.trc").write_text(trc(20, 100.0, 2))
     folder = convert(tmp_path / "x.trc", tmp_path / "run")
     with Recording(folder) as recording:
-        assert recording.topics["markers"].kind == "sample"
+        assert recording.topics["markers"].kind == "message"
         rows = list(recording["markers"].rows())
         files = [
             recording.export(tmp_path / "y.csv", format="mocap"),
