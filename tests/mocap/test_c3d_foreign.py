@@ -169,6 +169,7 @@ def test_whole_numbers_are_scaled_as_ezc3d_and_c3d_do(tmp_path: Path) -> None:
     point = {
         "USED": [1],
         "FRAMES": [5],
+        "DATA_START": [3],
         "SCALE": [0.1],
         "RATE": [50.0],
         "UNITS": ["mm"],
