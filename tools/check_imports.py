@@ -44,7 +44,7 @@ HEAVY = {
     "rosbags": {"ros.stores", "ros.translate"},
     "google": {"read.protobuf"},
     "mcap_protobuf": {"read.protobuf"},
-    "ezc3d": {"export.c3d", "ingest.c3d"},
+    "ezc3d": {"export.c3d"},
     "PIL": {"run.images"},
     "rich": {"cli.output", "cli.progress"},
 }

@@ -170,12 +170,13 @@ def test_whole_numbers_are_scaled_as_ezc3d_and_c3d_do(tmp_path: Path) -> None:
         "USED": [1],
         "FRAMES": [5],
         "DATA_START": [3],
+        "DESCRIPTIONS": ["a"],
         "SCALE": [0.1],
         "RATE": [50.0],
         "UNITS": ["mm"],
         "LABELS": ["a"],
     }
-    analog = {"USED": [2], "LABELS": ["u", "v"], "UNITS": ["V", ""], "RATE": [50.0], "GEN_SCALE": [0.5], "SCALE": [2.0, 1.0], "OFFSET": [2048, 0], "FORMAT": "SIGNED"}  # fmt: skip
+    analog = {"USED": [2], "LABELS": ["u", "v"], "DESCRIPTIONS": ["u", "v"], "UNITS": ["V", ""], "RATE": [50.0], "GEN_SCALE": [0.5], "SCALE": [2.0, 1.0], "OFFSET": [2048, 0], "FORMAT": "SIGNED"}  # fmt: skip
     file = tmp_path / "x.c3d"
     file.write_bytes(
         build(frames, {"POINT": point, "ANALOG": analog}, points=1, analogs=2, samples=1, scale=0.1, rate=50.0)
