@@ -9,6 +9,32 @@ from .version import __version__
 if TYPE_CHECKING:
     from .catalog import recordings
     from .conversion import convert
+    from .errors import (
+        AlignmentError,
+        BacklogFullError,
+        ConversionError,
+        ConversionWarning,
+        DamagedFileError,
+        DestinationExistsError,
+        EncodingError,
+        EntryNotFoundError,
+        FieldError,
+        ForeignFileError,
+        FormatError,
+        IntegerRangeError,
+        MissingRecordingError,
+        NotFoundError,
+        OptionError,
+        PrefixError,
+        RangeError,
+        RecorderError,
+        StateError,
+        StorageError,
+        TimestampError,
+        TopicError,
+        UndecodedWarning,
+        UsageError,
+    )
     from .experiment import Experiment
     from .options import RecorderOptions
     from .read.limits import Limits
@@ -20,14 +46,38 @@ if TYPE_CHECKING:
     from .topic import Topic
 
 __all__ = [
+    "AlignmentError",
+    "BacklogFullError",
+    "ConversionError",
+    "ConversionWarning",
+    "DamagedFileError",
+    "DestinationExistsError",
+    "EncodingError",
+    "EntryNotFoundError",
     "Experiment",
+    "FieldError",
+    "ForeignFileError",
+    "FormatError",
+    "IntegerRangeError",
     "Limits",
     "Loss",
+    "MissingRecordingError",
+    "NotFoundError",
+    "OptionError",
+    "PrefixError",
+    "RangeError",
     "Recorder",
+    "RecorderError",
     "RecorderOptions",
     "Recording",
     "Session",
+    "StateError",
+    "StorageError",
+    "TimestampError",
     "Topic",
+    "TopicError",
+    "UndecodedWarning",
+    "UsageError",
     "__version__",
     "convert",
     "recordings",
@@ -49,17 +99,21 @@ _HOMES = {
 }
 
 
+_ERRORS = frozenset(__all__) - _HOMES.keys() - {"__version__"}
+"""What comes from `errors`."""
+
+
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first used, so that importing the package loads nothing heavy."""
-    if name not in _HOMES:
+    if name not in _HOMES and name not in _ERRORS:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    home = import_module(f"{__name__}.{_HOMES[name]}")
+    home = import_module(f"{__name__}.{_HOMES.get(name, 'errors')}")
     found = getattr(home, name)
     globals()[name] = found
     return found
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOMES])
+    return sorted({*globals(), *__all__})

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from .errors import MissingRecordingError, RecorderError
 from .layout import SESSION_GLOB
+from .paths import place
 from .recording import Recording
 from .run_folders import holds_run, runs_below
 from .write.lock import SessionLock
@@ -61,10 +62,10 @@ def recordings(root: str | Path) -> Iterator[CatalogEntry]:
         >>> for entry in recordings(".dash"):
         ...     print(entry.path, entry.status, entry.duration)
     """
-    root = Path(root)
-    if not root.is_dir():
+    folder = place(root, "root")
+    if not folder.is_dir():
         raise MissingRecordingError(errno.ENOENT, "no folder here", str(root))
-    return (_look_at(folder) for folder in runs_below(root))
+    return (_look_at(one) for one in runs_below(folder))
 
 
 def is_recording(path: str | Path) -> bool:

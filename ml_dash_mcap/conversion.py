@@ -12,9 +12,10 @@ from typing import Any
 from . import ingest
 from .errors import MissingRecordingError, UsageError
 from .export import SUFFIXES, format_of, options_of
-from .export.destination import fresh_folder, replacing
+from .export.destination import fresh_folder, refuse_existing, replacing
 from .export.replacing import RECORDING, check_overwrite, keeper
 from .ingest import Progress
+from .paths import place
 from .recording import Recording
 from .suggestions import did_you_mean
 
@@ -55,20 +56,23 @@ def convert(
         >>> convert("field-test.bag", "runs/field-test")
         >>> convert("runs/field-test", "field-test-ros2", format="rosbag2")
     """
-    place = Path(dest)
-    if format is None and ingest.detect(src) is not None and place.suffix.lower() not in SUFFIXES:
+    source, target = place(src, "src"), place(dest, "dest")
+    if format is None and ingest.detect(source) is not None and target.suffix.lower() not in SUFFIXES:
         check_overwrite(overwrite)
-        allowed = replacing(keeper(RECORDING, [Path(src)])) if overwrite else nullcontext()
-        with allowed, fresh_folder(place) as folder:
-            ingest.into(src, folder, place.name, progress=progress, **options)
-        return place
-    if not Path(src).exists():
+        allowed = replacing(keeper(RECORDING, [source])) if overwrite else nullcontext()
+        with allowed, fresh_folder(target) as folder:
+            ingest.into(source, folder, target.name, progress=progress, **options)
+        return target
+    if not source.exists():
         raise MissingRecordingError(errno.ENOENT, "there is nothing", str(src))
-    chosen = format if format is not None else format_of(place)
-    reads = _options_of_reading(src, chosen, options)
+    chosen = format if format is not None else format_of(target)
+    if overwrite is True:
+        with replacing(keeper(chosen, [source])):  # what is opened below may be a copy
+            refuse_existing(target)
+    reads = _options_of_reading(source, chosen, options)
     writes = {name: value for name, value in options.items() if name not in reads}
-    with ingest.as_folder(src, **reads) if reads else nullcontext(src) as opened, Recording(opened) as recording:
-        return recording.export(place, format=chosen, overwrite=overwrite, progress=progress, **writes)
+    with ingest.as_folder(source, **reads) if reads else nullcontext(source) as opened, Recording(opened) as recording:
+        return recording.export(target, format=chosen, overwrite=overwrite, progress=progress, **writes)
 
 
 def _options_of_reading(src: str | Path, format: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,6 +14,21 @@ LONGEST_COMPONENT_BYTES = 255
 _DRIVE = re.compile(r"[A-Za-z]:")
 
 
+def place(given: object, what: str) -> Path:
+    """Return a path that a user gave, `~` being their home.
+
+    Args:
+        given: Text or a path.
+        what: What it is, for the error message: "path", "dest", ...
+
+    Raises:
+        UsageError: It is neither.
+    """
+    if not isinstance(given, (str, os.PathLike)):
+        raise UsageError(f"{what}={given!r} is of type {type(given).__name__}; pass a path, as text or a Path")
+    return Path(given).expanduser()
+
+
 def run_folder(root: str | os.PathLike[str], prefix: str) -> Path:
     """Return the folder of a run, `<root>/<prefix>`.
 

@@ -28,6 +28,7 @@ from .layout import (
     SESSION_GLOB,
 )
 from .lookup import Lookup, not_found
+from .paths import place
 from .read import about, attachments, counts, episodes, gaps, overview, rows, topics
 from .read.attachments import Attachments
 from .read.check import check
@@ -99,10 +100,12 @@ class Recording(Mapping[str, TopicReader]):
         bag_options = {"definitions": definitions, "on_unknown": "skip" if on_unknown == "skip" else "bytes"}
         if on_damage not in ("raise", "skip"):
             raise OptionError(f'on_damage={on_damage!r} is neither "raise" nor "skip"')
-        given = [path] if isinstance(path, (str, Path)) else list(path)
+        if limits is not None and not isinstance(limits, Limits):
+            raise UsageError(f"limits={limits!r} is of type {type(limits).__name__}; pass Limits(...)")
+        given = list(path) if isinstance(path, Iterable) and not isinstance(path, str) else [path]
         if not given:
             raise MissingRecordingError(errno.ENOENT, "an empty list of files is no recording", "")
-        paths = [Path(one) for one in given]
+        paths = [place(one, "path") for one in given]
         self._paths = paths
         self.path = paths[0]
         """What was opened; of several, the first."""
@@ -430,7 +433,7 @@ class Recording(Mapping[str, TopicReader]):
             UsageError: The format has no such option; also a TypeError.
             RangeError: The range's start lies after its end; also a ValueError.
         """
-        dest = Path(dest)
+        dest = place(dest, "dest")
         wanted = format if format is not None else format_of(dest)
         check_overwrite(overwrite)
         with replacing(keeper(wanted, [*self._paths, *self.segments])) if overwrite else nullcontext():

@@ -116,8 +116,9 @@ class Topic:
         Raises:
             As `append`; the message names the row's index.
         """
-        if not isinstance(rows, Iterable):
-            raise UsageError(f"append_batch() on topic {self.name!r} takes a list of dicts, not {rows!r}")
+        if isinstance(rows, Mapping) or not isinstance(rows, Iterable):
+            instead = "; one row is append(**row)" if isinstance(rows, Mapping) else ""
+            raise UsageError(f"append_batch() on topic {self.name!r} takes a list of dicts, not {rows!r}{instead}")
         tails: list[tuple[bytes, float]] = []
         for index, row in enumerate(rows):
             tails.append(self._encode_row(index, row, tails[-1][1] if tails else None))

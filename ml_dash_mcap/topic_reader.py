@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from io import TextIOBase
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol, overload
 
 import numpy.typing as npt
 
-from .errors import FormatError, NotFoundError, RangeError
+from .errors import FormatError, NotFoundError, RangeError, UsageError
 from .export import EXPORTERS, FORMATS, Selection, stream
 from .lookup import not_found
 from .read import places
@@ -184,12 +185,17 @@ class TopicReader:
 
         Raises:
             FormatError: The format is neither; also a ValueError.
+            UsageError: `out` takes text; also a TypeError.
 
         Example:
             >>> rec["robot"].write(sys.stdout.buffer, end_timestamp=0.0, columns=["q"], format="csv")
             _ts,q.0,q.1
             0.0,0.1,0.2
         """
+        if isinstance(out, TextIOBase):
+            raise UsageError(
+                'write() takes a binary file: open(path, "wb"), or sys.stdout.buffer for the standard output'
+            )
         stream(self._select(start_timestamp, end_timestamp, columns, start_index, limit), self.info, out, format)
 
     def to_arrow(
@@ -330,7 +336,7 @@ class TopicReader:
         Raises:
             NotFoundError: The topic has none so early; also a KeyError.
         """
-        _, high = check_range(None, time)
+        _, high = check_range(None, time, ("time", "time"))
         found = places.last_at(self._source.files(), self.name, high)
         if found is None:
             raise NotFoundError(f"topic {self.name!r} has no row at or before {time!r}; it starts at {self.info.start}")

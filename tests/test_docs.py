@@ -42,7 +42,7 @@ WRITTEN_BY_TOOLS = {DOCS / "benchmarks.md"}
 
 EXPORTED = [getattr(ml_dash_mcap, name) for name in ml_dash_mcap.__all__]
 CLASSES = [
-    *(found for found in EXPORTED if inspect.isclass(found)),
+    *(found for found in EXPORTED if inspect.isclass(found) and not issubclass(found, Exception)),
     *(Run, Tracks, Track, TrackSlice, Metrics, Metric, Parameters, Logs, Files),
     *(SessionTrack, SessionFiles, SessionFile, TopicReader, TopicInfo, Attachment, Attachments),
     *(Gap, Report, Finding, Occurrence, Spacings, OpenEpisode, Episode),

@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from ..errors import MissingRecordingError
-from ..layout import ACTIVE_SUFFIX
+from ..layout import ACTIVE_SUFFIX, DEFAULT_ROOTS
 from ..run_folders import is_segment, runs_below
 
 _SEARCH_DEPTH = 4
@@ -27,7 +27,7 @@ def segments(path: Path) -> list[Path]:
     if path.is_file():
         return [path]
     if not path.is_dir():
-        raise MissingRecordingError(errno.ENOENT, "no recording here", str(path))
+        raise MissingRecordingError(errno.ENOENT, f"no recording here{_hint(path)}", str(path))
     found: dict[str, Path] = {}
     for name in sorted(os.listdir(path)):  # "x.mcap" comes before "x.mcap.active" and wins
         stem = name.removesuffix(ACTIVE_SUFFIX)
@@ -36,6 +36,12 @@ def segments(path: Path) -> list[Path]:
     if not found:
         _refuse_parent(path)
     return [found[stem] for stem in sorted(found)]
+
+
+def _hint(path: Path) -> str:
+    """Return where the recording of that prefix is, if somebody gave a prefix for a path."""
+    places = [Path(root) / path for root in DEFAULT_ROOTS if not path.is_absolute() and (Path(root) / path).is_dir()]
+    return f"; did you mean {str(places[0])!r}?" if places else ""
 
 
 def _refuse_parent(path: Path) -> None:

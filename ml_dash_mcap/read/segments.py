@@ -126,4 +126,4 @@ def _present_at(path: Path) -> list[Path]:
 
 def _stem(path: Path) -> Path:
     """Return the name that a segment has, or will have, when it is finished."""
-    return path.with_name(path.name.removesuffix(ACTIVE_SUFFIX))
+    return path.with_name(path.name.removesuffix(ACTIVE_SUFFIX)) if path.name.endswith(ACTIVE_SUFFIX) else path

@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import MissingRecordingError
 from ..layout import SESSION_GLOB
 from ..options import RecorderOptions
+from ..paths import place
 from ..run_folders import runs_below
 from ..version import LIBRARY
 from ..write.blocks import STAMP, BlockWriter
@@ -61,7 +62,7 @@ def recover(path: str | Path) -> Recovered:
     Raises:
         MissingRecordingError: There is no such folder.
     """
-    folder = Path(path).expanduser()
+    folder = place(path, "path")
     if not folder.is_dir():
         what = "is a file; pass its folder" if folder.is_file() else "no recording here"
         raise MissingRecordingError(errno.ENOENT, what, str(path))

@@ -61,7 +61,9 @@ class SessionTrack(BoundTopic):
             RangeError: There is none; a ValueError.
             As `append`; the message names the point's place in the batch.
         """
-        batch = list(rows)
+        batch = [] if isinstance(rows, Mapping) else list(rows)
+        if isinstance(rows, Mapping):
+            super().append_batch(rows)  # which refuses it
         if not batch:
             raise RangeError(f"append_batch() on track {self.name!r}: the batch is empty; pass at least one point")
         super().append_batch(batch)
