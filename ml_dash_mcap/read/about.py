@@ -44,7 +44,7 @@ def spans(files: Sequence[File]) -> list[tuple[int, int]]:
     """Return the first and last log time, in ns, of each file's messages, or of each chunk's."""
     found: list[tuple[int, int]] = []
     for file in files:
-        said = file.glance.statistics
+        said = file.statistics
         if said is None:
             chunks = file.index.chunks
             found += [(one.start_ns, one.end_ns) for one in chunks if one.counts != {} and one.uncompressed_size]

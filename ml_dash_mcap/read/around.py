@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from .. import clock
 from . import counts, places, plan, rows
 from .file import File
+from .index import replanned
 from .ordering import TOLERANCE_NS
 
 
@@ -31,6 +32,7 @@ def widen(files: Sequence[File], topic: str, low: float, high: float) -> tuple[f
     )
 
 
+@replanned
 def _first_ns(files: Sequence[File], topic: str, start_ns: int) -> int | None:
     """Return the earliest log time of a topic from one on, in ns."""
     indexes = [file.index for file in files]

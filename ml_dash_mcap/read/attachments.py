@@ -14,7 +14,9 @@ from .fields import Fields
 from .file import File
 from .records import AttachmentEntry, Opcode
 
-_CRC_BYTES = 4
+_HEAD_BYTES = 4096
+"""So much is read to see whether an attachment is what the index says."""
+
 _NAMES_BYTES = 64 * 1024
 """Enough of an attachment to hold everything before its data."""
 
@@ -52,11 +54,10 @@ class Attachment:
             raise DamagedFileError(source.name, at, "the index says that an attachment starts here, but none does")
         fields = Fields(record, source.name, at, records.PREFIX_BYTES)
         found = records.attachment(fields, at, length)
-        if found != self._entry or fields.at + found.data_size + _CRC_BYTES != length:
-            raise DamagedFileError(source.name, at, f"the attachment {self.name!r} contradicts itself or the index")
         data = fields.raw(found.data_size)
+        checked = memoryview(record)[records.PREFIX_BYTES : fields.at]  # later versions may add fields behind it
         expected = fields.u32()
-        if expected and crc32(memoryview(record)[records.PREFIX_BYTES : -_CRC_BYTES]) != expected:
+        if expected and crc32(checked) != expected:
             raise DamagedFileError(
                 source.name, at, f"the checksum (CRC-32) of the attachment {self.name!r} does not match its content"
             )
@@ -78,7 +79,7 @@ class Attachments(Lookup[Attachment]):
 
 
 def find(files: Sequence[File]) -> Attachments:
-    """Return the attachments of some files, without reading their bytes.
+    """Return the attachments of some files, without reading their bytes: only where each starts, to see that it does.
 
     Args:
         files: In the order of writing.
@@ -93,12 +94,32 @@ def find(files: Sequence[File]) -> Attachments:
 
 
 def _entries(file: File) -> Sequence[AttachmentEntry]:
-    """Return where a file's attachments lie: by its index, or by a look at each record if that does not have all."""
+    """Return where a file's attachments lie: by its index, or by a walk if that does not have all, or is wrong."""
     glance = file.glance
     said = glance.statistics
-    if said is None or said.attachment_count == len(glance.attachments):
-        return glance.attachments
-    return list(_walk(file))
+    if said is not None and said.attachment_count != len(glance.attachments):
+        return list(_walk(file))
+    wrong = next((entry for entry in glance.attachments if not _is_there(file, entry)), None)
+    if wrong is not None:
+        what = f"the attachment index says that {wrong.name!r} is here, with its size and times, which is not so"
+        walked = list(_walk(file))
+        if len(walked) >= len(glance.attachments):
+            file.note(wrong.offset, what, "attachment")
+            return walked
+    return glance.attachments
+
+
+def _is_there(file: File, entry: AttachmentEntry) -> bool:
+    """Whether an attachment starts where an index says, and says the same of itself."""
+    try:
+        data = file.source.read(entry.offset, min(entry.length, _HEAD_BYTES))
+        if len(data) < records.PREFIX_BYTES or records.prefix(data, 0)[0] != Opcode.ATTACHMENT:
+            return False
+        length = records.PREFIX_BYTES + records.prefix(data, 0)[1]
+        fields = Fields(data, file.source.name, entry.offset, records.PREFIX_BYTES)
+        return entry == records.attachment(fields, entry.offset, length)
+    except DamagedFileError:
+        return entry.length > _HEAD_BYTES  # its names are too long to be looked at here
 
 
 def _walk(file: File) -> Iterator[AttachmentEntry]:

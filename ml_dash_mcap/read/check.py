@@ -8,7 +8,7 @@ from ..errors import DamagedFileError
 from ..layout import DROPS_RECORD
 from . import judge, passes, written
 from .file import File
-from .findings import KINDS, SEVERITIES, Finding, Gathering, Occurrence, Report
+from .findings import KINDS, SEVERITIES, Finding, Gathering, Kind, Occurrence, Report
 from .words import rows_said
 from .written import Written
 
@@ -27,7 +27,7 @@ def check(files: Sequence[File], topics: Iterable[str], *, has_all: bool) -> Rep
     """
     names = list(topics)
     met: list[DamagedFileError] = []
-    by_topic = written.read(files, names, met)
+    by_topic = written.read(files, names, met, has_all=has_all)
     counted = passes.counted(files)
     found = [*_damage(files, met), *_drops(files, None if has_all else names), *_two_clocks(by_topic)]
     measured = []
@@ -40,12 +40,13 @@ def check(files: Sequence[File], topics: Iterable[str], *, has_all: bool) -> Rep
 
 
 def _damage(files: Sequence[File], met: Sequence[DamagedFileError]) -> list[Finding]:
-    """Return what is broken: what the indexes know, and what reading met."""
-    texts = [str(error) for error in met]
-    texts += [f"{loss.path}, byte {loss.offset}: {loss.what}" for file in files for loss in file.losses]
+    """Return what is broken, and what indexes and statistics say wrongly."""
+    kinds: dict[str, Kind] = {str(error): "damage" for error in met}
+    for loss in (loss for file in files for loss in file.losses):
+        kinds.setdefault(f"{loss.path}, byte {loss.offset}: {loss.what}", "index" if loss.corrected else "damage")
     gathered = Gathering(None)
-    for text in dict.fromkeys(texts):
-        gathered.add("damage", Occurrence(None, text))
+    for text, kind in kinds.items():
+        gathered.add(kind, Occurrence(None, text))
     return gathered.all()
 
 

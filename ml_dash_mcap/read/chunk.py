@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import struct
 from array import array
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from zlib import crc32
 
 import numpy as np
@@ -32,6 +32,10 @@ MESSAGE_HEAD = np.dtype(
 _MESSAGE_START = struct.Struct("<BQH4xQ")
 
 _FIXED = MESSAGE_HEAD.itemsize - records.PREFIX_BYTES
+
+
+class NoChunkError(DamagedFileError):
+    """Where an index says that a chunk starts, none does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +106,9 @@ def check_size(chunk: Chunk, path: str, limits: Limits) -> None:
         raise DamagedFileError(path, chunk.offset, f"{what} (Limits.ratio)")
 
 
-def unpack(record: Bytes, chunk: Chunk, path: str, limits: Limits) -> bytes:
+def unpack(
+    record: Bytes, chunk: Chunk, path: str, limits: Limits, note: Callable[[str], None] = lambda what: None
+) -> bytes:
     """Return a chunk's records, uncompressed and checked.
 
     Args:
@@ -110,25 +116,28 @@ def unpack(record: Bytes, chunk: Chunk, path: str, limits: Limits) -> bytes:
         chunk: What the index says about it.
         path: The file, for error messages.
         limits: Checked before memory is taken.
+        note: Called with what the index says wrongly; the chunk itself counts.
 
     Raises:
-        DamagedFileError: The record is no chunk, contradicts itself or the index, is beyond the limits, or its CRC
-            does not match.
+        DamagedFileError: The record is no chunk, contradicts itself, is beyond the limits, or its CRC does not match.
     """
     check_size(chunk, path, limits)
     if chunk.compression == records.LOOSE:
         return bytes(record)
     opcode, length = records.prefix(record, 0) if len(record) >= records.PREFIX_BYTES else (0, 0)
     if opcode != Opcode.CHUNK or length != len(record) - records.PREFIX_BYTES:
-        raise DamagedFileError(path, chunk.offset, "the index says that a chunk starts here, but none does")
+        raise NoChunkError(path, chunk.offset, "the index says that a chunk starts here, but none does")
     fields = Fields(record, path, chunk.offset, records.PREFIX_BYTES)
     head = records.chunk_head(fields)
-    if head.records_length != len(record) - fields.at:
-        raise DamagedFileError(path, chunk.offset, "a chunk whose record and content have different lengths")
+    if head.records_length > len(record) - fields.at:  # a later version may add fields behind them
+        raise DamagedFileError(path, chunk.offset, "a chunk whose content is longer than its record")
     said = (chunk.compression, chunk.compressed_size, chunk.uncompressed_size)
-    if (head.compression, head.records_length, head.uncompressed_size) != said:
-        raise DamagedFileError(path, chunk.offset, "a chunk that contradicts its index")
-    data = _decompress(memoryview(record)[fields.at :], head, path, chunk.offset)
+    true = (head.compression, head.records_length, head.uncompressed_size)
+    if true != said:
+        note(f"the chunk's index says (compression, compressed and uncompressed bytes) {said}, the chunk {true}")
+        check_size(replace(chunk, compressed_size=true[1], uncompressed_size=true[2]), path, limits)
+    packed = memoryview(record)[fields.at : fields.at + head.records_length]
+    data = _decompress(packed, head, path, chunk.offset)
     if len(data) != head.uncompressed_size:
         raise DamagedFileError(
             path, chunk.offset, f"a chunk of {len(data)} bytes that announces {head.uncompressed_size} bytes"
@@ -172,31 +181,108 @@ def _unpack_lz4(packed: memoryview, size: int) -> bytes:
 
 def scan(data: bytes, chunk: Chunk, path: str) -> Scan:
     """Walk a chunk's own records: for chunks without a message index, and for channels that stand inside."""
+    return _scan(data, chunk, path, [(0, len(data))])
+
+
+def _scan(data: bytes, chunk: Chunk, path: str, stretches: Iterable[tuple[int, int]]) -> Scan:
+    """Walk the records that lie in some stretches of a chunk, each from where to where."""
     schemas: dict[int, records.Schema] = {}
     channels: dict[int, records.Channel] = {}
     entries: dict[int, array[int]] = {}
-    at = 0
     try:
-        while at < len(data):
-            at = _take_messages(data, at, entries)
-            if at == len(data):
-                break
-            opcode, fields = records.one(data, at, path, 0)
-            if opcode == Opcode.MESSAGE:
-                fields.refuse("a message that is shorter than any")
-            elif opcode == Opcode.SCHEMA:
-                schema = records.schema(fields)
-                schemas[schema.id] = schema
-            elif opcode == Opcode.CHANNEL:
-                channel = records.channel(fields)
-                channels[channel.id] = channel
-            at = fields.end
+        for start, end in stretches:
+            _scan_stretch(memoryview(data)[:end], start, path, schemas, channels, entries)
     except DamagedFileError as error:
         raise DamagedFileError(path, chunk.offset, f"a chunk with damaged records ({error})") from error
     return Scan(schemas, channels, {one: _message_index(one, found) for one, found in entries.items()})
 
 
-def _take_messages(data: bytes, at: int, entries: dict[int, array[int]]) -> int:
+def _scan_stretch(
+    data: Bytes,
+    at: int,
+    path: str,
+    schemas: dict[int, records.Schema],
+    channels: dict[int, records.Channel],
+    entries: dict[int, array[int]],
+) -> None:
+    """Take in the records from `at` to the end of `data`."""
+    while at < len(data):
+        at = _take_messages(data, at, entries)
+        if at == len(data):
+            break
+        opcode, fields = records.one(data, at, path, 0)
+        if opcode == Opcode.MESSAGE:
+            fields.refuse("a message that is shorter than any")
+        elif opcode == Opcode.SCHEMA:
+            schema = records.schema(fields)
+            schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = records.channel(fields)
+            channels[channel.id] = channel
+        at = fields.end
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """What a chunk holds, by its own records."""
+
+    messages: Mapping[int, Messages]
+    """By channel."""
+    schemas: Mapping[int, records.Schema]
+    channels: Mapping[int, records.Channel]
+    is_indexed: bool
+    """Whether the message indexes that were given say the same."""
+
+    @property
+    def counts(self) -> dict[int, int]:
+        """Channel to how many messages, where there are some."""
+        return {channel_id: len(found) for channel_id, found in self.messages.items() if len(found)}
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """The first and the last log time, in ns; None without messages."""
+        times = [found.times_ns for found in self.messages.values() if len(found)]
+        return (min(int(one.min()) for one in times), max(int(one.max()) for one in times)) if times else None
+
+
+def contents(data: bytes, indexes: Sequence[MessageIndex] | None, chunk: Chunk, path: str) -> Contents:
+    """Return all that a chunk holds: fast where its message indexes are right, and without them otherwise.
+
+    Args:
+        data: Its records.
+        indexes: Those stored behind it, of all channels in it; None if they cannot be read.
+        chunk: Which one.
+        path: The file, for error messages.
+
+    Raises:
+        DamagedFileError: Its records contradict themselves.
+    """
+    if indexes is not None:
+        try:
+            messages = {one.channel_id: gather(data, one, chunk, path) for one in indexes}
+            scanned = _scan(data, chunk, path, _gaps(data, list(messages.values())))
+            if not scanned.indexes:
+                return Contents(messages, scanned.schemas, scanned.channels, is_indexed=True)
+        except ValueError:  # a DamagedFileError too: the records themselves will tell
+            pass
+    scanned = scan(data, chunk, path)
+    messages = {one.channel_id: gather(data, one, chunk, path) for one in scanned.indexes.values()}
+    return Contents(messages, scanned.schemas, scanned.channels, is_indexed=False)
+
+
+def _gaps(data: bytes, messages: Sequence[Messages]) -> Iterator[tuple[int, int]]:
+    """Yield where a chunk's records are no messages that an index points to: from where on, and up to where."""
+    starts = np.concatenate([np.empty(0, np.int64), *(one.offsets for one in messages)])
+    ends = np.concatenate([np.empty(0, np.int64), *(one.ends for one in messages)])
+    order = np.argsort(starts)
+    starts, ends = np.append(starts[order], len(data)), np.insert(ends[order], 0, 0)
+    if (starts < ends).any():
+        raise ValueError("messages that lie in each other")
+    for at in np.flatnonzero(starts != ends).tolist():
+        yield int(ends[at]), int(starts[at])
+
+
+def _take_messages(data: Bytes, at: int, entries: dict[int, array[int]]) -> int:
     """Note the times and places of the messages that lie one behind the other here; returns where they end."""
     unpack, last = _MESSAGE_START.unpack_from, len(data) - MESSAGE_HEAD.itemsize
     while at <= last:
@@ -223,16 +309,10 @@ def no_messages(channel_id: int) -> MessageIndex:
     return MessageIndex(channel_id, np.empty(0, np.uint64), np.empty(0, np.uint64))
 
 
-def check_times(index: MessageIndex, chunk: Chunk, path: str) -> None:
-    """Check that messages lie in the time that their chunk says.
-
-    Raises:
-        DamagedFileError: Some do not.
-    """
+def are_within(index: MessageIndex, chunk: Chunk) -> bool:
+    """Whether messages lie in the time that their chunk says."""
     times = index.times_ns
-    if len(times) and not (chunk.start_ns <= int(times.min()) and int(times.max()) <= chunk.end_ns):
-        what = f"messages of channel {index.channel_id} that lie outside of the time that their chunk says"
-        raise DamagedFileError(path, chunk.offset, what)
+    return not len(times) or (chunk.start_ns <= int(times.min()) and int(times.max()) <= chunk.end_ns)
 
 
 def within(index: MessageIndex, start_ns: int, end_ns: int) -> MessageIndex:

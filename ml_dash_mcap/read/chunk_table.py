@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import overload
 
 import numpy as np
 import numpy.typing as npt
 
-from .records import Chunk
+from .records import ENTRY_BYTES, PREFIX_BYTES, Chunk
 
 NUMBERS = np.dtype(
     [(name, np.uint64) for name in ("start_ns", "end_ns", "offset", "length", "index_bytes", "packed", "unpacked")]
 )
 """What is known of each chunk besides its message indexes; times in ns, the rest in bytes."""
+
+_INDEX_BYTES = PREFIX_BYTES + 2 + 4
+"""A message index without entries."""
 
 _LAST = 2**64 - 1
 
@@ -107,6 +112,35 @@ class ChunkTable(Sequence[Chunk]):
             found.update(self[at].message_index_offsets)
         return found
 
+    def count_into(self, total: npt.NDArray[np.int64]) -> bool:
+        """Add how many messages each channel has to `total`; returns whether all chunks tell, as `counts` does."""
+        for one in self._alike:
+            if not one.ids.shape[1]:
+                if self.numbers["unpacked"][one.rows].any():
+                    return False
+                continue
+            numbers = self.numbers[one.rows]
+            ends = (numbers["offset"] + numbers["length"] + numbers["index_bytes"]).astype(np.int64)
+            starts = one.offsets.astype(np.int64)
+            order = np.argsort(starts, axis=1)
+            edges = np.concatenate([np.take_along_axis(starts, order, 1), ends[:, None]], axis=1)
+            entries = np.maximum(np.diff(edges, axis=1) - _INDEX_BYTES, 0) // ENTRY_BYTES
+            np.add.at(total, np.take_along_axis(one.ids, order, 1).ravel(), entries.ravel())
+        for at in self._others:
+            chunk = self[at]
+            if not chunk.indexed and chunk.uncompressed_size:
+                return False
+            add_counts(total, chunk)
+        return True
+
+    def correct(self, chunk: Chunk) -> None:
+        """Put in what is true of a chunk whose index was wrong; it lies where it lay."""
+        place = int(np.searchsorted(self.numbers["offset"], np.uint64(chunk.offset)))
+        if place not in self._others:
+            self._others.append(place)  # looked at after those that were read together, so that it counts
+        self._known[place] = chunk
+        self.numbers["start_ns"][place], self.numbers["end_ns"][place] = chunk.start_ns, chunk.end_ns
+
     def _hold(self, channels: Collection[int]) -> npt.NDArray[np.bool_]:
         held = np.ones(len(self), np.bool_)
         ids = np.fromiter(channels, np.uint16, len(channels))
@@ -167,6 +201,55 @@ def unpacked_bytes(chunks: Sequence[Chunk], at_most: int) -> int:
     if isinstance(chunks, ChunkTable):
         return int(np.minimum(chunks.numbers["unpacked"], np.uint64(at_most)).sum())
     return sum(min(chunk.uncompressed_size, at_most) for chunk in chunks)
+
+
+def correct(chunks: Sequence[Chunk], chunk: Chunk) -> None:
+    """Do what `ChunkTable.correct` does, for the chunks of any file."""
+    if isinstance(chunks, ChunkTable):
+        chunks.correct(chunk)
+    elif isinstance(chunks, list):
+        place = bisect_left(chunks, chunk.offset, key=lambda one: one.offset)
+        chunks[place] = chunk
+
+
+def counts(chunks: Sequence[Chunk]) -> dict[int, int] | None:
+    """Return how many messages each channel has by the lengths of the message indexes; None where some have none.
+
+    Nothing of the file is read: an index ends where the next one starts. A later version may make them longer, so the
+    numbers tell only whether statistics agree.
+    """
+    total = np.zeros(2**16, np.int64)
+    if isinstance(chunks, ChunkTable):
+        if not chunks.count_into(total):
+            return None
+    else:
+        for chunk in chunks:
+            if not chunk.indexed and chunk.uncompressed_size:
+                return None
+            add_counts(total, chunk)
+    return {channel_id: int(total[channel_id]) for channel_id in np.flatnonzero(total).tolist()}
+
+
+def add_counts(total: npt.NDArray[np.int64], chunk: Chunk) -> None:
+    """Add how many messages each channel has in a chunk to `total`, [65536]."""
+    ends = [*sorted(chunk.message_index_offsets.values()), chunk.end + chunk.message_index_length]
+    length = {start: end - start for start, end in pairwise(ends)}
+    for channel_id, start in chunk.message_index_offsets.items():
+        total[channel_id] += max(length.get(start, 0) - _INDEX_BYTES, 0) // ENTRY_BYTES
+
+
+def spans(chunks: Sequence[Chunk]) -> set[tuple[int, int]]:
+    """Return the first and last log times that chunks say, in ns; none without chunks.
+
+    A chunk that says 0 for both may hold messages at 0 or none at all: both results are among those returned.
+    """
+    if isinstance(chunks, ChunkTable):
+        starts, ends = chunks.numbers["start_ns"], chunks.numbers["end_ns"]
+    else:
+        starts = np.array([chunk.start_ns for chunk in chunks], np.uint64)
+        ends = np.array([chunk.end_ns for chunk in chunks], np.uint64)
+    has_times = (starts != 0) | (ends != 0)
+    return {(int(starts[of].min()), int(ends[of].max())) for of in (has_times, np.ones_like(has_times)) if of.any()}
 
 
 def may_hold(chunk: Chunk, channels: Collection[int] | None) -> bool:

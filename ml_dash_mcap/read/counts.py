@@ -15,13 +15,11 @@ from . import chunk as chunks
 from . import plan, rows
 from .decode import Decoder
 from .file import File
+from .index import replanned
 from .messages import Origin
 from .ordering import TOLERANCE_NS
 from .plan import Located
 from .records import Channel
-
-OWN_LIBRARY = "ml_dash_mcap"
-"""What the header of a file starts with whose chunks hold no two rows of one topic and time stamp."""
 
 _DISTINCT_FROM_NS = 2**23 * clock.NS_PER_S
 """From here on (97 days) doubles are more than a nanosecond apart: what shares a nanosecond shares the double."""
@@ -41,12 +39,15 @@ def kind(files: Sequence[File], topic: str) -> str | None:
     return None
 
 
+@replanned
 def count(files: Sequence[File], topic: str) -> int:
     """Return how many rows a topic has after merging, reading no more than that takes.
 
     The statistics know, unless two chunks that touch in time may hold rows of one time stamp; then their message
     indexes know; and only times of the first 97 days, where two doubles can share a nanosecond, need the payloads.
     """
+    for file in files:
+        file.settle()
     total = sum(file.index.message_counts.get(channel.id, 0) for file, channel in channels(files, topic))
     if kind(files, topic) != TRACK:
         return total
@@ -55,7 +56,7 @@ def count(files: Sequence[File], topic: str) -> int:
 
 def _duplicates(files: Sequence[File], topic: str) -> int:
     located = _located(files, topic)
-    doubtful = {one.rank for one in located if not files[one.file].index.header.library.startswith(OWN_LIBRARY)}
+    doubtful = {one.rank for one in located if not files[one.file].index.is_ours}
     reach: Located | None = None
     for one in located:
         if reach is not None and one.chunk.start_ns <= reach.chunk.end_ns:
@@ -99,6 +100,7 @@ def _located(files: Sequence[File], topic: str) -> list[Located]:
     return plan.chunks(indexes, [index.channels_of(topic) for index in indexes], 0, rows.LAST_NS)
 
 
+@replanned
 def payload_bytes(files: Sequence[File], topic: str) -> int:
     """Return how many bytes a topic's messages take, uncompressed, by where all messages of its chunks start."""
     total = 0
@@ -117,6 +119,7 @@ def payload_bytes(files: Sequence[File], topic: str) -> int:
     return max(total, 0)  # whatever the indexes say
 
 
+@replanned
 def times(files: Sequence[File], topic: str, start_ns: int, end_ns: int) -> npt.NDArray[np.uint64]:
     """Return the log times of a topic's messages in [start_ns, end_ns], in no order, [N], in ns."""
     indexes = [file.index for file in files]
@@ -134,8 +137,11 @@ def times_in(file: File, topic: str, located: Located) -> npt.NDArray[np.uint64]
     return np.concatenate(found) if found else np.empty(0, np.uint64)
 
 
+@replanned
 def time_range(files: Sequence[File], topic: str) -> tuple[float | None, float | None]:
     """Return the time stamps of a topic's first and last rows, in s; looks only into the chunks at its ends."""
+    for file in files:
+        file.settle()
     located = _located(files, topic)
     first: int | None = None
     for one in located:

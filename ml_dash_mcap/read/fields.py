@@ -21,7 +21,7 @@ Bytes = bytes | memoryview
 class Fields:
     """A record's content, read field by field; whatever would leave it is a `DamagedFileError`."""
 
-    __slots__ = ("_base", "_data", "_path", "at", "end")
+    __slots__ = ("_base", "_data", "_path", "at", "end", "start")
 
     def __init__(self, data: Bytes, path: str, base: int = 0, start: int = 0, end: int | None = None) -> None:
         """Begin at the start of a content.
@@ -37,7 +37,12 @@ class Fields:
         self._path = path
         self._base = base
         self.end = len(data) if end is None else end
+        self.start = start
         self.at = start
+
+    def u8(self) -> int:
+        """Read 1 byte as an integer."""
+        return self._data[self._take(1)]
 
     def u16(self) -> int:
         """Read 2 bytes as an integer."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Hashable, Iterable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +13,13 @@ from ..errors import DamagedFileError
 from ..layout import ACTIVE_SUFFIX
 from ..ros.distros import Likely
 from . import chunk as chunks
-from . import decoding, distribution, limits, records
+from . import chunk_table, decoding, distribution, limits, load, records, truth
 from .chunk import Messages
 from .decoding import Decoding
 from .fields import Bytes, Fields
-from .index import FileIndex, Glance
-from .load import glance, load
+from .index import FileIndex, Glance, ReindexedError
 from .losses import Loss, Losses
-from .records import Chunk, MessageIndex, Opcode
+from .records import Chunk, MessageIndex, Opcode, Statistics
 from .source import LocalFile, Source
 from .unpacking import Unpacking
 
@@ -59,7 +59,10 @@ class File:
         self.decoding = decoding_
         self._losses = Losses()
         self._metadata: dict[int, records.Metadata | None] = {}
-        self._unpacking = Unpacking(self.source, limits_)
+        self._unpacking = Unpacking(self.source, limits_, self._losses)
+        self._corrected: set[int] = set()
+        """Where those chunks lie whose indexes were wrong."""
+        self._surveyed = False
         self._size = self.source.size()
         self._loading_lock = threading.Lock()
         """Guards the loading of `_index`."""
@@ -68,9 +71,9 @@ class File:
         """Why the index of a long file could not be loaded."""
         self._glance: Glance | None = None
         try:
-            self._glance = glance(self.source, limits_, is_new=is_new)
+            self._glance = load.glance(self.source, limits_, is_new=is_new)
             if self._glance is None:
-                self._index = load(self.source, limits_, is_new=is_new, salvages=salvages)
+                self._index = load.load(self.source, limits_, is_new=is_new, salvages=salvages)
         except BaseException:
             self.source.close()
             raise
@@ -87,7 +90,7 @@ class File:
                 raise DamagedFileError(self._failure.path, self._failure.offset, self._failure.what)
             if self._index is None:
                 try:
-                    self._index = load(self.source, self.limits, salvages=self.salvages)
+                    self._index = load.load(self.source, self.limits, salvages=self.salvages)
                 except DamagedFileError as error:
                     self._failure = error
                     raise
@@ -97,6 +100,13 @@ class File:
     def glance(self) -> Glance:
         """What is known of it without looking up its chunks."""
         return self._glance if self._index is None and self._glance is not None else self.index.glance()
+
+    @property
+    def statistics(self) -> Statistics | None:
+        """How much of everything there is, and when: as the file says it, until its index is asked for."""
+        if self._index is not None:
+            self.settle()
+        return self.glance.statistics
 
     def verify(self) -> bool:
         """Read the index, whose checksum verifies what is known at a glance; returns whether that was still to be done.
@@ -131,7 +141,7 @@ class File:
         if size == self._size:
             return False
         is_new = self.path.name.endswith(ACTIVE_SUFFIX)
-        fresh = load(self.source, self.limits, is_new=is_new, salvages=self.salvages, previous=before)
+        fresh = load.load(self.source, self.limits, is_new=is_new, salvages=self.salvages, previous=before)
         if fresh.end < before.end or fresh.finished:
             self._metadata.clear()  # a recovery may have rewritten the file
             self._unpacking.forget()
@@ -146,8 +156,25 @@ class File:
 
     def metadata(self) -> list[records.Metadata]:
         """Return all metadata records, in the order of the file. Each is read once."""
-        found = [self._read_metadata(entry) for entry in self.glance.metadata]
+        try:
+            found = [self._read_metadata(entry) for entry in self.glance.metadata]
+        except ReindexedError:
+            found = [self._read_metadata(entry) for entry in self.glance.metadata]
         return [record for record in found if record is not None]
+
+    def note(self, offset: int, what: str, key: Hashable = None) -> None:
+        """Note that an index or the statistics say what is not so: the data are right, and nothing is lost.
+
+        Args:
+            offset: Where it lies, or what it is about.
+            what: Is wrong.
+            key: Tells it from whatever else is wrong at the same place; `what` by default.
+        """
+        self._losses.note(self.path, offset, what, key)
+
+    def add(self, loss: Loss) -> None:
+        """Take in a loss that was found by others."""
+        self._losses.add((loss.offset, loss.what), loss)
 
     def lose(self, error: DamagedFileError, messages: int | None, key: Hashable = None) -> None:
         """Note that something could not be read, and go on; or raise, if the file is not to be salvaged.
@@ -209,8 +236,14 @@ class File:
 
         Raises:
             DamagedFileError: They are not what they should be, whether the file is to be salvaged or not.
+            ReindexedError: The index was wrong about where chunks lie, and is right now.
         """
-        return self._unpacking.records(chunk, record)
+        try:
+            return self._unpacking.records(chunk, record)
+        except chunks.NoChunkError as error:
+            if self.reindex(error):
+                raise ReindexedError from error
+            raise
 
     def message_index(self, chunk: Chunk, channel_id: int) -> MessageIndex:
         """Return where one channel's messages lie in a chunk; its own records are walked if that is not stored.
@@ -220,11 +253,14 @@ class File:
         """
         if chunk.indexed:
             try:
-                return self._unpacking.index(chunk, channel_id)
+                found = self._unpacking.index(chunk, channel_id)
+                if not chunks.are_within(found, chunk):
+                    self._correct(chunk)
+                return found
             except DamagedFileError as error:
-                self.lose(error, 0, "index")
-        found = self.message_indexes(chunk, stored=False).get(channel_id)
-        return found if found is not None else chunks.no_messages(channel_id)
+                self.note(error.offset, error.what, "index")
+        scanned = self.message_indexes(chunk, stored=False).get(channel_id)
+        return scanned if scanned is not None else chunks.no_messages(channel_id)
 
     def message_indexes(self, chunk: Chunk, *, stored: bool = True) -> dict[int, MessageIndex]:
         """Return where each channel's messages lie in a chunk.
@@ -241,7 +277,7 @@ class File:
         try:
             return dict(self._unpacking.scan(chunk))
         except DamagedFileError as error:
-            self._lose_chunk(chunk, error)
+            self.lose_chunk(chunk, error)
             return {}
 
     def cut(
@@ -264,20 +300,111 @@ class File:
         try:
             data = self.unpack(chunk, None if span is None else span[: chunk.length])
         except DamagedFileError as error:
-            self._lose_chunk(chunk, error)
+            self.lose_chunk(chunk, error)
             return []
         ids = list(channel_ids)
         if chunk.indexed:
             try:
                 stored = [self._unpacking.index(chunk, one, span, chunk.offset) for one in ids]
-                for index in stored:
-                    chunks.check_times(index, chunk, self.source.name)
+                if not all(chunks.are_within(one, chunk) for one in stored):
+                    self._correct(chunk)
                 return self._gather(chunk, data, stored, start_ns, end_ns)
             except DamagedFileError as error:
-                self.lose(error, 0, "index")
+                self.note(error.offset, error.what, "index")
+                self._correct(chunk)
         scanned = self.message_indexes(chunk, stored=False)
-        found = [self._in_time(chunk, scanned[one]) for one in ids if one in scanned]
+        found = [scanned[one] for one in ids if one in scanned]
+        if not all(chunks.are_within(one, chunk) for one in found):
+            self._correct(chunk)
         return self._gather(chunk, data, found, start_ns, end_ns)
+
+    def contents(self, chunk: Chunk) -> chunks.Contents:
+        """Return all that a chunk holds, by its own records, and whether its message indexes say the same.
+
+        Raises:
+            DamagedFileError: It is damaged, whether the file is to be salvaged or not.
+        """
+        span = self.read_span(chunk.offset, chunk.length + chunk.message_index_length)
+        is_whole = len(span) == chunk.length + chunk.message_index_length
+        data = self.unpack(chunk, span[: chunk.length] if is_whole else None)
+        indexes: list[MessageIndex] | None = None
+        if chunk.indexed:
+            with suppress(DamagedFileError):
+                ids = chunk.message_index_offsets
+                indexes = [self._unpacking.index(chunk, one, span if is_whole else None, chunk.offset) for one in ids]
+        return chunks.contents(data, indexes, chunk, self.source.name)
+
+    # -- what indexes say wrongly --------------------------------------------------------------------------------------
+
+    def settle(self) -> None:
+        """Make the index true if its summary says how many messages there are, or when, in two ways that differ.
+
+        That reads the whole file, once; every file whose summary agrees with itself is left alone.
+        """
+        if self.index.doubtful:
+            truth.audit(self, lambda chunk, contents: None)
+
+    def reindex(self, error: DamagedFileError) -> bool:
+        """Index the file by its records, because its summary points to where nothing is.
+
+        Args:
+            error: What was met.
+
+        Returns:
+            Whether everything that the summary knows of is there, elsewhere. If not, something is damaged.
+        """
+        index = self.index
+        if not index.by_summary:
+            return False
+        walked = load.by_walking(self.source, self.limits, index)
+        if any(not loss.corrected for loss in walked.losses) or not _has_as_much(walked, index):
+            return False
+        self.note(error.offset, error.what)
+        self.adopt(walked)
+        self._corrected.clear()
+        return True
+
+    def survey(self) -> None:
+        """Make the times true that the index says of its chunks, by their message indexes; once.
+
+        Whoever reads everything in the order of time needs that. Our own recorder's files are left alone.
+        """
+        self.settle()
+        with self._loading_lock:
+            is_done, self._surveyed = self._surveyed, True
+        if is_done or not self.index.by_summary or self.index.is_ours:
+            return
+        for chunk in list(self.index.chunks):
+            if chunk.indexed and not truth.are_times_right(self.source, chunk, self.limits):
+                self._correct(chunk)
+
+    def adopt(self, index: FileIndex) -> None:
+        """Replace the index by one that is true."""
+        with self._loading_lock:
+            self._index = index
+            self._metadata.clear()
+            self._surveyed = True
+
+    def correct(self, chunk: Chunk, contents: chunks.Contents) -> Chunk:
+        """Put what a chunk's own records say in the place of what was said about it, and note what was wrong.
+
+        Returns:
+            What is true of it.
+        """
+        true = truth.of(chunk, contents)
+        for key, what in truth.differences(chunk, contents):
+            self.note(chunk.offset, what, key)
+        with self._loading_lock:
+            self._corrected.add(chunk.offset)
+            if self._index is not None and true != chunk:
+                chunk_table.correct(self._index.chunks, true)
+        return true
+
+    def _correct(self, chunk: Chunk) -> None:
+        """Do what `correct` does, once, if the chunk can be read."""
+        if chunk.offset not in self._corrected and chunk.compression != records.LOOSE:
+            with suppress(DamagedFileError):
+                self.correct(chunk, self.contents(chunk))
 
     def _gather(
         self, chunk: Chunk, data: bytes, found: list[MessageIndex], start_ns: int, end_ns: int
@@ -295,18 +422,12 @@ class File:
             gathered.append(messages)
         return gathered
 
-    def _in_time(self, chunk: Chunk, found: MessageIndex) -> MessageIndex:
-        """Lose the messages that do not lie in the time that their chunk says: what is read when depends on it."""
-        try:
-            chunks.check_times(found, chunk, self.source.name)
-        except DamagedFileError as error:
-            inside = chunks.within(found, chunk.start_ns, chunk.end_ns)
-            self.lose(error, len(found.offsets) - len(inside.offsets), ("times", found.channel_id))
-            return inside
-        return found
+    def lose_chunk(self, chunk: Chunk, error: DamagedFileError) -> None:
+        """Lose a chunk's messages: how many its indexes know.
 
-    def _lose_chunk(self, chunk: Chunk, error: DamagedFileError) -> None:
-        """Lose a chunk's messages: how many its indexes know."""
+        Raises:
+            DamagedFileError: The file is not to be salvaged.
+        """
         count = None if chunk.counts is None else sum(chunk.counts.values())
         if self.salvages and count is None and chunk.indexed:
             try:
@@ -323,6 +444,8 @@ class File:
             try:
                 self._metadata[entry.offset] = self._metadata_at(entry)
             except DamagedFileError as error:
+                if self.reindex(error):
+                    raise ReindexedError from error
                 self.lose(error, 0, "metadata")
                 self._metadata[entry.offset] = None
         return self._metadata[entry.offset]
@@ -336,4 +459,13 @@ class File:
         if length < 0 or records.prefix(data, 0) != (Opcode.METADATA, length):
             what = "the index says that a metadata record starts here, but none does"
             raise DamagedFileError(name, entry.offset, what)
-        return records.metadata(Fields(data, name, entry.offset, records.PREFIX_BYTES))
+        found = records.metadata(Fields(data, name, entry.offset, records.PREFIX_BYTES))
+        if found.name != entry.name:
+            self.note(entry.offset, f"the metadata index says that {entry.name!r} is here, but {found.name!r} is")
+        return found
+
+
+def _has_as_much(walked: FileIndex, said: FileIndex) -> bool:
+    """Whether a walk found as many chunks, metadata records and attachments as a summary has."""
+    pairs = ((walked.chunks, said.chunks), (walked.metadata, said.metadata), (walked.attachments, said.attachments))
+    return all(len(found) >= len(known) for found, known in pairs)

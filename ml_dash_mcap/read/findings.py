@@ -9,7 +9,7 @@ from typing import Literal, get_args
 from .spacings import Spacings
 from .words import rows_said, said
 
-Kind = Literal["damage", "drops", "missing", "clock", "gap", "late"]
+Kind = Literal["damage", "drops", "missing", "index", "clock", "gap", "late"]
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 """In the order in which they are listed, among those of one severity."""
@@ -23,6 +23,7 @@ _SEVERITY_OF: dict[Kind, Severity] = {
     "damage": "error",
     "drops": "error",
     "missing": "error",
+    "index": "warning",
     "clock": "warning",
     "gap": "warning",
     "late": "note",
@@ -57,6 +58,7 @@ class Finding:
     """Whose; None if it is the recording's."""
     kind: Kind
     """- "damage": bytes that are broken, or a file without its end;
+    - "index": what an index, the statistics or the summary say that is not so; what is so is read from the data;
     - "drops": rows that the recorder had to refuse;
     - "missing": sequence numbers that are not there;
     - "clock": times that step back or leap on, in the order of writing, or begin again in the next run, so that rows

@@ -2,11 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import wraps
+from typing import ParamSpec, TypeVar
 
 from .losses import Loss
 from .records import AttachmentEntry, Channel, Chunk, Header, MetadataEntry, Schema, Statistics
+
+OWN_LIBRARY = "ml_dash_mcap"
+"""What the header of a file starts with whose chunks hold no two rows of one topic and time stamp."""
+
+
+class ReindexedError(Exception):
+    """A file's index was wrong about where things lie, and is right now: whoever planned by it plans again."""
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def replanned(work: Callable[P, T]) -> Callable[P, T]:
+    """Do a work again if an index that it went by turns out to be wrong; each file's index is replaced once at most."""
+
+    @wraps(work)
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> T:
+        while True:
+            try:
+                return work(*args, **kwargs)
+            except ReindexedError:
+                continue
+
+    return wrapper
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +67,19 @@ class FileIndex:
     end: int
     """Where the last whole record of the data section ends, in bytes."""
     losses: tuple[Loss, ...] = ()
-    """What was found broken and is left out."""
+    """What was found broken and is left out, or wrong and is corrected."""
     statistics: Statistics | None = None
+    by_summary: bool = False
+    """Whether a summary says all this, rather than the records themselves."""
+    doubtful: bool = False
+    """Whether the summary says how many messages there are in two ways that differ: only they themselves can tell."""
+    size: int = 0
+    """Of a finished file, where its closing magic ends, in bytes; others may have been appended to it."""
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether this library's recorder wrote it, as its header says."""
+        return self.header.library.startswith(OWN_LIBRARY)
 
     def glance(self) -> Glance:
         """Return what is in it besides the chunks."""

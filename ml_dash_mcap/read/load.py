@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from ..errors import DamagedFileError
-from . import index, records, summary, walk
+from . import behind_end, index, records, summary, walk
 from .fields import Fields
 from .index import FileIndex, Glance
 from .limits import Limits
@@ -60,8 +61,29 @@ def load(
     if started is None:
         return index.empty(source.name)
     header, losses = _header(started, source.name, salvages)
-    found = _indexed(walk.Walk(source, size, header, limits, is_new=is_new, salvages=salvages), started.end, previous)
+    how = partial(walk.Walk, source, header=header, limits=limits, is_new=is_new, salvages=salvages)
+    found = _indexed(how(size), started.end, previous)
+    if isinstance(found, int):  # the file ends there, before its last byte
+        losses = (*losses, behind_end.look(source, found, size))
+        found = _indexed(how(found), started.end, None)
+        assert not isinstance(found, int)
     return replace(found, losses=(*losses, *found.losses))
+
+
+def by_walking(source: Source, limits: Limits, known: FileIndex) -> FileIndex:
+    """Index a finished file by its records alone, whatever its summary says; what is damaged is stepped over.
+
+    Args:
+        source: The file.
+        limits: For what is read.
+        known: What is known of it.
+    """
+    started = _start(source, known.size, is_new=False)
+    found = summary.footer(source, known.size)
+    if started is None or found is None:
+        return known
+    how = walk.Walk(source, known.size, known.header, limits, salvages=True)
+    return how.finished(started.end, summary.clues(source, known.size, found, limits))
 
 
 def _header(content: Fields, path: str, salvages: bool) -> tuple[Header, tuple[Loss, ...]]:
@@ -74,18 +96,23 @@ def _header(content: Fields, path: str, salvages: bool) -> tuple[Header, tuple[L
         return Header("", ""), (Loss(Path(path), error.offset, f"the file's header: {error.what}", 0),)
 
 
-def _indexed(how: walk.Walk, first: int, previous: FileIndex | None) -> FileIndex:
+def _indexed(how: walk.Walk, first: int, previous: FileIndex | None) -> FileIndex | int:
+    """Return the index of a file, or where it ends, if bytes lie behind its end."""
     source, size, limits = how.source, how.size, how.limits
     found = summary.footer(source, size)
     if found is None:
-        return how.unfinished(first, previous if previous is not None and first <= previous.end <= size else None)
-    try:
-        by_summary = summary.read(source, size, how.header, found, limits)
-    except DamagedFileError:
-        by_summary = None
-    if by_summary is not None:
-        return by_summary
-    return how.finished(first, summary.clues(source, size, found, limits) if how.salvages else None)
+        is_next = previous is not None and first <= previous.end <= size
+        index = how.unfinished(first, previous if is_next else None)
+    else:
+        try:
+            by_summary = summary.read(source, size, how.header, found, limits)
+        except DamagedFileError:
+            by_summary = None
+        if by_summary is not None:
+            return by_summary
+        index = how.finished(first, summary.clues(source, size, found, limits) if how.salvages else None)
+    end = how.end()
+    return index if end is None or end == size else end
 
 
 def _start(source: Source, size: int, is_new: bool) -> Fields | None:

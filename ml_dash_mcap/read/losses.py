@@ -20,6 +20,8 @@ class Loss:
     """What is wrong, in words."""
     messages: int | None
     """How many messages are known to be lost; None where nobody knows."""
+    corrected: bool = False
+    """Whether nothing is lost: an index or the statistics say what is not so, and the data say what is."""
 
 
 class Losses:
@@ -42,6 +44,17 @@ class Losses:
         """
         with self._lock:
             self._found.setdefault(key, loss)
+
+    def note(self, path: str | Path, offset: int, what: str, key: Hashable = None) -> None:
+        """Note once that an index or the statistics say what is not so: nothing is lost.
+
+        Args:
+            path: The file.
+            offset: Where it lies, or what it is about.
+            what: Is wrong.
+            key: Tells it from whatever else is wrong at the same place; `what` by default.
+        """
+        self.add((offset, key or what), Loss(Path(path), offset, what, 0, corrected=True))
 
     def add_message(self, key: Hashable, message: int, loss: Loss) -> None:
         """Note once that a message is lost; those of one key are one loss.

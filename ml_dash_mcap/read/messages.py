@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -12,8 +12,12 @@ import numpy.typing as npt
 from . import ahead, ordering, plan
 from .chunk import Messages
 from .file import File
+from .index import ReindexedError
 from .plan import Located
 from .records import Channel, Chunk
+
+LAST_NS = 2**64 - 1
+"""The last time that MCAP can say, in ns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +111,38 @@ def cut(
     Yields:
         The chunk's first log time, and what `work` made.
     """
+    if start_ns <= 0 and end_ns >= LAST_NS:
+        for file in files:
+            file.survey()
+    done: set[tuple[int, int]] = set()
+    while True:
+        try:
+            for key, found in _cut(files, topic, start_ns, end_ns, work, done):
+                done.add(key)
+                yield found
+        except ReindexedError:
+            continue
+        return
+
+
+def _cut(
+    files: Sequence[File],
+    topic: str,
+    start_ns: int,
+    end_ns: int,
+    work: Callable[[Cut], Work],
+    done: Collection[tuple[int, int]],
+) -> Iterator[tuple[tuple[int, int], tuple[int, list[Work]]]]:
+    """Do what `cut` does by the indexes as they are now.
+
+    The other arguments are those of `cut`.
+
+    Args:
+        done: The chunks to leave out, each as its file's number and where it lies in it.
+
+    Yields:
+        Which chunk, and what `cut` yields for it.
+    """
     indexes = [file.index for file in files]
     channels = [index.channels_of(topic) for index in indexes]
 
@@ -117,10 +153,13 @@ def cut(
             for located in span.chunks:
                 start = located.chunk.offset - span.offset
                 record = data[start : located.end - span.offset]
-                yield _Job(file, list(channels[span.file].values()), located, record)
+                if (span.file, located.chunk.offset) not in done:
+                    yield _Job(file, list(channels[span.file].values()), located, record)
 
-    def do(job: _Job) -> tuple[int, list[Work]]:
-        return job.located.chunk.start_ns, [work(found) for found in _cut_out(job, start_ns, end_ns)]
+    def do(job: _Job) -> tuple[tuple[int, int], tuple[int, list[Work]]]:
+        chunk = job.located.chunk
+        key = (job.located.file, chunk.offset)
+        return key, (chunk.start_ns, [work(found) for found in _cut_out(job, start_ns, end_ns)])
 
     return ahead.in_order(do, jobs(), weigh=lambda job: job.located.chunk.uncompressed_size)
 

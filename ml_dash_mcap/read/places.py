@@ -12,6 +12,7 @@ from .. import clock
 from . import counts, plan, rows
 from .decode import Row
 from .file import File
+from .index import replanned
 from .ordering import TOLERANCE_NS
 
 _WORTH_ROWS = 1000
@@ -69,6 +70,7 @@ def last_at(files: Sequence[File], topic: str, time: float) -> Row | None:
     return None
 
 
+@replanned
 def last_ns(files: Sequence[File], topic: str, end_ns: int) -> int | None:
     """Return the latest log time of a topic up to one, in ns."""
     indexes = [file.index for file in files]

@@ -1,4 +1,8 @@
-"""MCAP records from bytes that may be hostile (layouts: https://mcap.dev/spec, section "Records")."""
+"""MCAP records from bytes that may be hostile (layouts: https://mcap.dev/spec, section "Records").
+
+"Records may be extended by adding new fields at the end of existing fields. Readers should ignore any unknown fields.":
+whatever follows the last field that is read here does not matter. Only a Footer and a Message are never extended.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +28,14 @@ ENTRY_BYTES = 16
 FOOTER_BYTES = PREFIX_BYTES + 20
 """A footer, with its prefix."""
 
+CRC_BYTES = 4
+"""What follows an attachment's data."""
+
 CHUNK_HEAD_BYTES = 8 + 8 + 8 + 4 + 4 + 32 + 8
 """Enough of a chunk's content to hold everything before its records, for a compression name of up to 32 bytes."""
+
+FIRST_PRIVATE = 0x80
+"""From this opcode on records belong to applications."""
 
 LOOSE = "\0loose"
 """Stands for the compression of messages that lie in the file outside any chunk."""
@@ -141,6 +151,8 @@ class Statistics:
     """How much of everything a file holds."""
 
     message_count: int
+    schema_count: int
+    channel_count: int
     chunk_count: int
     attachment_count: int
     metadata_count: int
@@ -173,8 +185,19 @@ class AttachmentEntry:
     name: str
     media_type: str
     log_time_ns: int
+    create_time_ns: int
+    """0 where nobody knows."""
     data_size: int
     offset: int
+    length: int
+
+
+@dataclass(frozen=True, slots=True)
+class SummaryOffset:
+    """Where the records of one kind lie in a summary."""
+
+    opcode: int
+    start: int
     length: int
 
 
@@ -289,10 +312,12 @@ def _compression(fields: Fields) -> str:
 
 def statistics(fields: Fields) -> Statistics:
     """Read a Statistics record's content."""
-    message_count, _schemas, _channels = fields.u64(), fields.u16(), fields.u32()
+    message_count, schema_count, channel_count = fields.u64(), fields.u16(), fields.u32()
     attachment_count, metadata_count, chunk_count = fields.u32(), fields.u32(), fields.u32()
     return Statistics(
         message_count=message_count,
+        schema_count=schema_count,
+        channel_count=channel_count,
         chunk_count=chunk_count,
         attachment_count=attachment_count,
         metadata_count=metadata_count,
@@ -315,16 +340,26 @@ def metadata_index(fields: Fields) -> MetadataEntry:
 
 def attachment(fields: Fields, offset: int, length: int) -> AttachmentEntry:
     """Read the start of an Attachment's content, without its data."""
-    log_time_ns, _create_time_ns = fields.u64(), fields.u64()
+    log_time_ns, create_time_ns = fields.u64(), fields.u64()
     name, media_type = fields.text(), fields.text()
-    return AttachmentEntry(name, media_type, log_time_ns, fields.u64(), offset, length)
+    return AttachmentEntry(name, media_type, log_time_ns, create_time_ns, fields.u64(), offset, length)
 
 
 def attachment_index(fields: Fields) -> AttachmentEntry:
     """Read an AttachmentIndex's content."""
-    offset, length, log_time_ns, _create_time_ns = fields.u64(), fields.u64(), fields.u64(), fields.u64()
+    offset, length, log_time_ns, create_time_ns = fields.u64(), fields.u64(), fields.u64(), fields.u64()
     data_size = fields.u64()
-    return AttachmentEntry(fields.text(), fields.text(), log_time_ns, data_size, offset, length)
+    return AttachmentEntry(fields.text(), fields.text(), log_time_ns, create_time_ns, data_size, offset, length)
+
+
+def summary_offset(fields: Fields) -> SummaryOffset:
+    """Read a SummaryOffset's content."""
+    return SummaryOffset(fields.u8(), fields.u64(), fields.u64())
+
+
+def data_end(fields: Fields) -> int:
+    """Read a DataEnd's content: the checksum (CRC-32) of everything before it; 0 for none."""
+    return fields.u32()
 
 
 def footer(fields: Fields) -> Footer:

@@ -23,8 +23,7 @@ from .file import File
 from .messages import Batch, Origin
 from .ordering import TOLERANCE_NS, is_close
 
-LAST_NS = 2**64 - 1
-"""The last time that MCAP can say, in ns."""
+LAST_NS = messages.LAST_NS
 
 _AT_ONCE = 32
 """So many rows are decoded before the first one is handed out; more would set off the garbage collector."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 from zlib import crc32
 
@@ -17,7 +17,18 @@ from .chunk_indexes import ChunkIndexes
 from .fields import Fields
 from .index import FileIndex, Glance
 from .limits import Limits
-from .records import AttachmentEntry, Channel, Chunk, Footer, Header, MetadataEntry, Opcode, Schema, Statistics
+from .records import (
+    AttachmentEntry,
+    Channel,
+    Chunk,
+    Footer,
+    Header,
+    MetadataEntry,
+    Opcode,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
 from .source import Source
 
 _TAIL_BYTES = records.FOOTER_BYTES + len(records.MAGIC)
@@ -59,11 +70,11 @@ def read(source: Source, size: int, header: Header, found: Footer, limits: Limit
         raise DamagedFileError(source.name, start, "the file was cut while its summary was read")
     if found.summary_crc and crc32(memoryview(data)[:-4]) != found.summary_crc:
         raise DamagedFileError(source.name, start, "a summary whose checksum (CRC-32) does not match its content")
-    contents = _Contents(source.name)
+    contents = Contents(source.name)
     contents.take(memoryview(data)[: end - start], start)
     contents.chunks = contents.indexes.chunks(start)
     contents.check_apart(start)
-    return contents.index(header, start) if contents.is_sufficient(limits) else None
+    return replace(contents.index(header, start), size=size) if contents.is_sufficient(limits) else None
 
 
 def glance(source: Source, size: int, header: Header, found: Footer, limits: Limits) -> Glance | None:
@@ -79,7 +90,7 @@ def glance(source: Source, size: int, header: Header, found: Footer, limits: Lim
         return None
     if end - start <= _SMALL_BYTES or end - groups_at > _SMALL_BYTES:
         return None
-    contents = _Contents(source.name)
+    contents = Contents(source.name)
     try:
         groups = _groups(memoryview(source.read(groups_at, end - groups_at)), source.name, groups_at)
         wanted = {opcode: place for opcode, *place in groups if opcode != Opcode.CHUNK_INDEX}
@@ -104,6 +115,34 @@ def glance(source: Source, size: int, header: Header, found: Footer, limits: Lim
     )
 
 
+def contents(source: Source, size: int, found: Footer, limits: Limits) -> Contents:
+    """Return everything that a summary says, true or not.
+
+    Raises:
+        DamagedFileError: It cannot be parsed, or its checksum does not match.
+    """
+    start, end = found.summary_start, size - _TAIL_BYTES
+    said = Contents(source.name)
+    if not _is_plausible(found, size, limits):
+        raise DamagedFileError(source.name, end, "the footer says that it starts where it cannot")
+    data = source.read(start, size - len(records.MAGIC) - start)
+    if found.summary_crc and crc32(memoryview(data)[:-4]) != found.summary_crc:
+        raise DamagedFileError(source.name, start, "its checksum (CRC-32) does not match its content")
+    data = data[: end - start]
+    said.take(memoryview(data), start)
+    said.chunks = said.indexes.chunks(start)
+    for opcode, at, fields in records.split(data, source.name, start):
+        if opcode == Opcode.SUMMARY_OFFSET:
+            said.offsets.append(records.summary_offset(fields))
+        length = records.PREFIX_BYTES + fields.end - fields.start
+        last = said.groups[-1] if said.groups else None
+        if last is not None and last[0] == opcode:
+            said.groups[-1] = (opcode, last[1], last[2] + length)
+        else:
+            said.groups.append((opcode, at, length))
+    return said
+
+
 @dataclass(frozen=True, slots=True)
 class Clues:
     """What a summary says that cannot be relied upon."""
@@ -118,7 +157,7 @@ def clues(source: Source, size: int, found: Footer, limits: Limits) -> Clues:
     if not _is_plausible(found, size, limits):
         return Clues([], None)
     start = found.summary_start
-    contents = _Contents(source.name)
+    contents = Contents(source.name)
     with suppress(DamagedFileError):
         contents.take(memoryview(source.read(start, size - _TAIL_BYTES - start)), start)
     places = {entry.offset for entries in (contents.metadata, contents.attachments) for entry in entries}
@@ -134,18 +173,19 @@ def _is_plausible(found: Footer, size: int, limits: Limits) -> bool:
 
 def _groups(data: memoryview, path: str, base: int) -> list[tuple[int, int, int]]:
     """Return the opcode, offset and length of each group of a summary."""
-    return [
-        (fields.raw(1)[0], fields.u64(), fields.u64())
+    found = [
+        records.summary_offset(fields)
         for opcode, _, fields in records.split(data, path, base)
         if opcode == Opcode.SUMMARY_OFFSET
     ]
+    return [(one.opcode, one.start, one.length) for one in found]
 
 
 Entry = TypeVar("Entry", MetadataEntry, AttachmentEntry)
 
 
 @dataclass(slots=True)
-class _Contents:
+class Contents:
     """What the records of a summary say."""
 
     path: str
@@ -155,6 +195,10 @@ class _Contents:
     metadata: list[MetadataEntry] = field(default_factory=list)
     attachments: list[AttachmentEntry] = field(default_factory=list)
     statistics: Statistics | None = None
+    offsets: list[SummaryOffset] = field(default_factory=list)
+    """What the summary offset section says, if somebody asked for it."""
+    groups: list[tuple[int, int, int]] = field(default_factory=list)
+    """Opcode, start and length of each group of records of one kind, if somebody asked for it."""
     indexes: ChunkIndexes = field(init=False)
     """Of the chunks; `chunks` is what they say."""
 
@@ -203,18 +247,21 @@ class _Contents:
 
     def index(self, header: Header, end: int) -> FileIndex:
         """Return it as the index of a file whose data section ends at `end`."""
+        statistics = self.statistics
         return FileIndex(
             path=self.path,
             header=header,
             schemas=self.schemas,
             channels=self.channels,
             chunks=self.chunks,
-            message_counts=self.statistics.channel_message_counts if self.statistics is not None else {},
+            message_counts=statistics.channel_message_counts if statistics is not None else {},
             metadata=tuple(self.metadata),
             attachments=tuple(self.attachments),
             finished=True,
             end=end,
-            statistics=self.statistics,
+            statistics=statistics,
+            by_summary=True,
+            doubtful=statistics is not None and not _agree(statistics, self.chunks),
         )
 
     def is_sufficient(self, limits: Limits) -> bool:
@@ -241,6 +288,20 @@ class _Contents:
         if said is None:
             return False
         return (said.metadata_count, said.attachment_count) == (len(self.metadata), len(self.attachments))
+
+
+def positive(counts: Mapping[int, int]) -> dict[int, int]:
+    """Return the counts that are not 0: a channel without messages may be counted or left out."""
+    return {channel_id: count for channel_id, count in counts.items() if count}
+
+
+def _agree(statistics: Statistics, chunks: Sequence[Chunk]) -> bool:
+    """Whether statistics say of messages and times what the chunk indexes do."""
+    counted = chunk_table.counts(chunks)
+    if counted is not None and counted != positive(statistics.channel_message_counts):
+        return False
+    spans = chunk_table.spans(chunks)
+    return not spans or not statistics.message_count or (statistics.start_ns, statistics.end_ns) in spans
 
 
 def _in_order(entries: list[Entry]) -> list[Entry]:

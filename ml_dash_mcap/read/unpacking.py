@@ -12,6 +12,7 @@ from . import chunk as chunks
 from . import records
 from .fields import Bytes, Fields
 from .limits import Limits
+from .losses import Losses
 from .records import Chunk, MessageIndex, Opcode
 from .source import Source
 
@@ -28,8 +29,15 @@ _Key = tuple[int, int]
 class Unpacking:
     """Unpacks chunks and finds messages in them. Any thread may call it."""
 
-    def __init__(self, source: Source, limits: Limits) -> None:
-        """Begin with nothing unpacked."""
+    def __init__(self, source: Source, limits: Limits, losses: Losses) -> None:
+        """Begin with nothing unpacked.
+
+        Args:
+            source: The file.
+            limits: For what is unpacked.
+            losses: Gets what a chunk's index says wrongly.
+        """
+        self._losses = losses
         self._source = source
         self._limits = limits
         self._kept_lock = threading.Lock()
@@ -66,7 +74,7 @@ class Unpacking:
         if record is None:
             chunks.check_size(chunk, name, self._limits)
             record = self._source.read(chunk.offset, chunk.length)
-        data = chunks.unpack(record, chunk, name, self._limits)
+        data = chunks.unpack(record, chunk, name, self._limits, lambda what: self._losses.note(name, chunk.offset, what))
         with self._kept_lock:
             self._kept[_key(chunk)] = data
             while len(self._kept) > _KEPT_CHUNKS or sum(map(len, self._kept.values())) > _KEPT_BYTES:
@@ -119,12 +127,12 @@ class Unpacking:
             raise DamagedFileError(name, offset, "the index says that a message index starts here, but none does")
         fields = Fields(span, name, at, start, min(start + length, len(span)))
         found = records.message_index(fields)
-        if (
-            start + length - fields.at >= records.ENTRY_BYTES
-        ):  # a later version may add a few bytes, but not hide entries
-            raise DamagedFileError(name, offset, "a message index whose length contradicts itself")
         if found.channel_id != channel_id:
             raise DamagedFileError(name, offset, f"a message index of channel {found.channel_id}, not {channel_id}")
+        if start + length - fields.at >= records.ENTRY_BYTES:  # fields of a later version, or entries that are hidden
+            true = self.scan(chunk).get(channel_id)
+            if true is None or len(true.offsets) != len(found.offsets):
+                raise DamagedFileError(name, offset, "a message index whose length contradicts itself")
         return found
 
     def _room(self, chunk: Chunk, offset: int) -> int:

@@ -102,6 +102,23 @@ class Walk:
             index = replace(index, losses=_counted(index, clues.message_count))
         return index
 
+    def end(self) -> int | None:
+        """Return where the file ends, behind its closing magic; None where it does not, or the walk stopped before.
+
+        It has been walked over. Bytes may lie behind its end.
+        """
+        at = self._end
+        while self._has_data_end and at + records.PREFIX_BYTES <= self.size:
+            opcode, length = records.prefix(self._window.bytes(at, records.PREFIX_BYTES), 0)
+            at += records.PREFIX_BYTES + length
+            if opcode == Opcode.FOOTER:
+                end = at + len(records.MAGIC)
+                is_whole = end <= self.size and length == records.FOOTER_BYTES - records.PREFIX_BYTES
+                return end if is_whole and self._window.bytes(at, len(records.MAGIC)) == records.MAGIC else None
+            if not opcode:
+                return None
+        return None
+
     def _run(self, at: int, places: Sequence[int] = ()) -> None:
         """Take in whole records from `at` on until the data section or the file ends, or its soundness.
 
@@ -109,6 +126,7 @@ class Walk:
             at: Where to start.
             places: Where else records start, sorted: there it goes on behind what nobody can walk over.
         """
+        self._walked.places = places
         while True:
             try:
                 what = self._go(at)
@@ -149,7 +167,8 @@ class Walk:
     def _is_data_end(self, opcode: int, at: int, end: int) -> bool:
         """Whether what looks like the end of the data section has behind it what lies behind one."""
         if opcode == Opcode.FOOTER:
-            return end - at == records.FOOTER_BYTES and end + len(records.MAGIC) == self.size
+            is_whole = end - at == records.FOOTER_BYTES and end + len(records.MAGIC) <= self.size
+            return is_whole and self._window.bytes(end, len(records.MAGIC)) == records.MAGIC
         if end - at < _DATA_END_BYTES:
             return False
         return end == self.size or self._window.bytes(end, 1)[0] not in _NOT_BEHIND_DATA
@@ -223,11 +242,12 @@ class Walk:
             header=self.header,
             schemas=walked.schemas,
             channels=walked.channels,
-            chunks=tuple(walked.chunks),
+            chunks=walked.chunks,
             message_counts=counts,
             metadata=tuple(walked.metadata),
             attachments=tuple(walked.attachments),
             finished=finished,
+            size=self.size if finished else 0,
             end=self._end,
             losses=tuple(self._losses),
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections.abc import Sequence
 from dataclasses import replace
 
 from ..errors import DamagedFileError
@@ -16,6 +18,8 @@ _LOOSE_BYTES = 4 * 1024 * 1024
 """Messages outside chunks are taken together up to this many bytes."""
 
 _ATTACHMENT_HEAD_BYTES = 16 * 1024
+
+_KNOWN = frozenset(Opcode)
 
 _IN_DATA = {
     *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX),
@@ -32,6 +36,8 @@ class Walked:
     def __init__(self, window: Window) -> None:
         """Begin with nothing."""
         self._window = window
+        self.places: Sequence[int] = ()
+        """Where records are known to start, in bytes, sorted: none lies inside another one."""
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
         self.chunks: list[Chunk] = []
@@ -83,7 +89,11 @@ class Walked:
             self.metadata.append(MetadataEntry(name, at, records.PREFIX_BYTES + length))
         elif opcode == Opcode.ATTACHMENT:
             start = self._window.content(at, length, at_most=_ATTACHMENT_HEAD_BYTES)
-            self.attachments.append(records.attachment(start, at, records.PREFIX_BYTES + length))
+            first = start.at
+            found = records.attachment(start, at, records.PREFIX_BYTES + length)
+            if start.at - first + found.data_size + records.CRC_BYTES > length:
+                raise DamagedFileError(self._window.source.name, at, "an attachment that is longer than its record")
+            self.attachments.append(found)
         is_known = opcode in _IN_DATA or (opcode, length) == (BLOCK_OPCODE, 8)
         if not is_known and self.chunks and at == _behind(self.chunks[-1]):
             self.doubt()  # it may have been a message index
@@ -123,9 +133,7 @@ class Walked:
     def _take_chunk(self, at: int, length: int) -> None:
         self.settle()
         head = records.chunk_head(self._window.content(at, length, at_most=records.CHUNK_HEAD_BYTES))
-        if head.records_at + head.records_length != length:
-            what = "a chunk whose record and content have different lengths"
-            raise DamagedFileError(self._window.source.name, at, what)
+        self._check_end("a chunk", at, length, head.records_at + head.records_length)
         self._offsets, self._counts = {}, {}
         self.chunks.append(
             Chunk(
@@ -141,12 +149,58 @@ class Walked:
             )
         )
 
+    def _check_end(self, what: str, at: int, length: int, used: int) -> None:
+        """Check that a record is as long as its fields, or was extended and ends where the next record starts.
+
+        Args:
+            what: Which record, for the error.
+            at: Where it starts.
+            length: Of its content.
+            used: How many bytes of that its fields take.
+
+        Raises:
+            DamagedFileError: One of the lengths is wrong.
+        """
+        if used == length:
+            return
+        fields_end, end = at + records.PREFIX_BYTES + used, at + records.PREFIX_BYTES + length
+        if used > length or self._hides(fields_end, end) or not self._is_extended(fields_end, end):
+            raise DamagedFileError(
+                self._window.source.name, at, f"{what} whose record and content have different lengths"
+            )
+
+    def _hides(self, fields_end: int, end: int) -> bool:
+        """Whether another record is known to start between the fields of a record and its end."""
+        first = bisect_left(self.places, fields_end)
+        return first < len(self.places) and self.places[first] < end
+
+    def _is_extended(self, fields_end: int, end: int) -> bool:
+        """Whether a record goes on behind its fields, rather than to have a wrong length."""
+        if self._fits(end):
+            return True
+        return self._is_opcode(end) and not self._fits(fields_end)  # the next one is where the file was cut
+
+    def _fits(self, at: int) -> bool:
+        """Whether a record that lies in the file starts somewhere, or the file ends there."""
+        room = self._window.size - at
+        if room < records.PREFIX_BYTES:
+            return room == 0
+        length = records.prefix(self._window.bytes(at, records.PREFIX_BYTES), 0)[1]
+        return self._is_opcode(at) and length <= room - records.PREFIX_BYTES
+
+    def _is_opcode(self, at: int) -> bool:
+        if at >= self._window.size:
+            return False
+        opcode = self._window.bytes(at, 1)[0]
+        return opcode in _KNOWN or opcode >= records.FIRST_PRIVATE
+
     def _take_message_index(self, at: int, length: int) -> None:
         fields = self._window.content(at, length, at_most=6)
         channel_id, entries_length = fields.u16(), fields.u32()
-        if entries_length % records.ENTRY_BYTES or not 0 <= length - 6 - entries_length < records.ENTRY_BYTES:
+        if entries_length % records.ENTRY_BYTES:
             what = "a message index whose length contradicts itself"
             raise DamagedFileError(self._window.source.name, at, what)
+        self._check_end("a message index", at, length, 6 + entries_length)
         last = self.chunks[-1] if self.chunks else None
         if last is None or last.compression == records.LOOSE:
             return

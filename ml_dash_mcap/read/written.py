@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import DamagedFileError
 from ..layout import ABOUT_RECORD, KIND_KEY, TRACK
-from . import ahead, chunk_table, rows
-from .chunk import Messages
+from . import ahead, chunk_table, rows, truth
+from .chunk import Contents, Messages
 from .file import File
+from .index import replanned
 from .records import Chunk
 
 
@@ -42,13 +44,24 @@ class _Part:
     sequences: npt.NDArray[np.uint32]
 
 
-def read(files: Sequence[File], topics: Collection[str], damage: list[DamagedFileError]) -> dict[str, list[Written]]:
+class _Times(NamedTuple):
+    """Of the messages of one channel in one chunk: where they lie in it, log times (ns), sequence numbers, [N] each."""
+
+    offsets: npt.NDArray[np.int64]
+    times_ns: npt.NDArray[np.uint64]
+    sequences: npt.NDArray[np.uint32]
+
+
+def read(
+    files: Sequence[File], topics: Collection[str], damage: list[DamagedFileError], *, has_all: bool
+) -> dict[str, list[Written]]:
     """Read every chunk that holds one of some topics, and verify its checksum; no payload is decoded.
 
     Args:
         files: In the order of writing.
         topics: Their names.
         damage: Gets what is broken, which the result leaves out.
+        has_all: Whether to read all other chunks too, and hold all that the indexes and statistics say against them.
 
     Returns:
         By topic, what each recorder wrote, in the order of the recorders' first files.
@@ -56,7 +69,7 @@ def read(files: Sequence[File], topics: Collection[str], damage: list[DamagedFil
     by_run: dict[tuple[str, str, bool], list[_Part]] = {}
     for file in files:
         run = run_of(file)
-        for part in _parts(file, topics, damage):
+        for part in (_parts_of_all if has_all else _parts)(file, topics, damage):
             by_run.setdefault((part.topic, run or file.source.name, run is not None), []).append(part)
     found: dict[str, list[Written]] = {topic: [] for topic in topics}
     for (topic, name, is_ours), parts in by_run.items():
@@ -75,6 +88,7 @@ def run_of(file: File) -> str | None:
         return None
 
 
+@replanned
 def _parts(file: File, topics: Collection[str], damage: list[DamagedFileError]) -> list[_Part]:
     """Return the messages of some topics in a file, chunk by chunk."""
     try:
@@ -100,6 +114,38 @@ def _parts(file: File, topics: Collection[str], damage: list[DamagedFileError]) 
     return found
 
 
+def _parts_of_all(file: File, topics: Collection[str], damage: list[DamagedFileError]) -> list[_Part]:
+    """Do the same as `_parts`, and audit the file."""
+    try:
+        found = truth.audit(file, lambda chunk, contents: _times(contents))
+    except DamagedFileError as error:
+        damage.append(error)
+        return []
+    parts: list[_Part] = []
+    for one in found:
+        if isinstance(one, DamagedFileError):
+            damage.append(one)
+            continue
+        by_topic: dict[str, list[_Times]] = {}
+        merges: dict[str, bool] = {}
+        for channel_id, times in one.items():
+            channel = file.index.channels.get(channel_id)
+            if channel is not None and channel.topic in topics:
+                by_topic.setdefault(channel.topic, []).append(times)
+                is_track = channel.metadata.get(KIND_KEY) == TRACK
+                merges[channel.topic] = is_track and merges.get(channel.topic, True)
+        parts += [_joined(topic, merges[topic], same) for topic, same in by_topic.items()]
+    return parts
+
+
+def _times(contents: Contents) -> dict[int, _Times]:
+    return {
+        channel_id: _Times(found.offsets, found.times_ns, found.sequences)
+        for channel_id, found in contents.messages.items()
+        if len(found)
+    }
+
+
 def _parts_of(file: File, chunk: Chunk, wanted: Mapping[int, str]) -> list[_Part]:
     ids = [id_ for id_ in wanted if not chunk.indexed or id_ in chunk.message_index_offsets]
     span = file.read_span(chunk.offset, chunk.length + chunk.message_index_length)
@@ -114,7 +160,7 @@ def _parts_of(file: File, chunk: Chunk, wanted: Mapping[int, str]) -> list[_Part
     ]
 
 
-def _joined(topic: str, merges: bool, cuts: Sequence[Messages]) -> _Part:
+def _joined(topic: str, merges: bool, cuts: Sequence[Messages] | Sequence[_Times]) -> _Part:
     order = np.argsort(np.concatenate([one.offsets for one in cuts]))
     times = np.concatenate([one.times_ns for one in cuts])
     return _Part(topic, merges, times[order], np.concatenate([one.sequences for one in cuts])[order])

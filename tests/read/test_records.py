@@ -55,7 +55,7 @@ def test_a_message_index_is_read_as_two_arrays():
 
 def test_statistics_are_read_from_bytes_made_by_hand():
     data = struct.pack("<QHIIIIQQ", 5, 1, 1, 2, 3, 4, 10, 20) + struct.pack("<IHQ", 10, 7, 5)
-    assert records.statistics(fields(data)) == records.Statistics(5, 4, 2, 3, 10, 20, {7: 5})
+    assert records.statistics(fields(data)) == records.Statistics(5, 1, 1, 4, 2, 3, 10, 20, {7: 5})
 
 
 def test_a_text_that_is_longer_than_its_record_is_refused_with_the_place():
