@@ -2,101 +2,15 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-from typing import Any
-
 import pytest
 from mcap.reader import NonSeekingReader
 from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from rosbags.highlevel import AnyReader
 
 from ml_dash_mcap import Recording
-from ml_dash_mcap.read import messages
-from ml_dash_mcap.read.file import File
 from ml_dash_mcap.rows.columns import flatten
 from tests.support import shared
 from tests.support.foreign import as_plain
-
-LAST_NS = 2**64 - 1
-
-
-@pytest.mark.parametrize("family", ["OneMessage", "TenMessages"])
-def test_the_files_of_the_conformance_suite_hold_what_their_json_says(family: str) -> None:
-    paths = sorted(shared.file(f"conformance/{family}").glob("*.mcap"))
-    assert len(paths) == 154
-    for path in paths:
-        ours, theirs = seen(path), said(path)
-        if not (
-            "-chx-" in path.name and "-rch-rsh" in path.name
-        ):  # the summary leaves something out: the file is walked
-            assert ours["statistics"] is None
-            theirs["statistics"] = None
-        assert ours == theirs, path.name
-
-
-def said(path: Path) -> dict[str, Any]:
-    """What the description beside a file says of it, as far as a reader shows it."""
-    records: dict[str, list[dict[str, Any]]] = {}
-    for record in json.loads(path.with_suffix(".json").read_text())["records"]:
-        records.setdefault(record["type"], []).append(dict(record["fields"]))
-    (header,) = records["Header"]
-    found = sorted(records["Message"], key=lambda one: int(one["log_time"]))
-    statistics = records.get("Statistics", [None])[0]
-    return {
-        "header": (header["profile"], header["library"]),
-        "schemas": {(int(one["id"]), one["name"], one["encoding"], octets(one["data"])) for one in records["Schema"]},
-        "channels": {
-            (int(one["id"]), int(one["schema_id"]), one["topic"], one["message_encoding"], *one["metadata"].items())
-            for one in records["Channel"]
-        },
-        "messages": [
-            (int(one["log_time"]), int(one["publish_time"]), int(one["sequence"]), octets(one["data"])) for one in found
-        ],
-        "counts": {1: len(found)},
-        "statistics": statistics and tuple(int(statistics[name]) for name in COUNTED),
-    }
-
-
-COUNTED = (
-    *("message_count", "chunk_count", "attachment_count", "metadata_count"),
-    *("message_start_time", "message_end_time"),
-)
-
-
-def octets(numbers: list[str]) -> bytes:
-    return bytes(map(int, numbers))
-
-
-def seen(path: Path) -> dict[str, Any]:
-    """What we find in a file."""
-    file = File(path)
-    index, statistics = file.index, file.glance.statistics
-    batches = list(messages.read([file], "example", 0, LAST_NS))
-    file.close()
-    return {
-        "header": (index.header.profile, index.header.library),
-        "schemas": {(one.id, one.name, one.encoding, one.data) for one in index.schemas.values()},
-        "channels": {
-            (one.id, one.schema_id, one.topic, one.message_encoding, *one.metadata.items())
-            for one in index.channels.values()
-        },
-        "messages": [
-            one
-            for batch in batches
-            for one in zip(
-                *(values.tolist() for values in (batch.times_ns, batch.published_ns, batch.sequences)),
-                batch.payloads,
-                strict=True,
-            )
-        ],
-        "counts": dict(index.message_counts),
-        "statistics": statistics
-        and (
-            *(statistics.message_count, statistics.chunk_count, statistics.attachment_count, statistics.metadata_count),
-            *(statistics.start_ns, statistics.end_ns),
-        ),
-    }
 
 
 @pytest.mark.filterwarnings("ignore::ml_dash_mcap.errors.UndecodedWarning")

@@ -41,16 +41,8 @@ def parameters(files: Sequence[File]) -> dict[str, Any]:
 
 
 def spans(files: Sequence[File]) -> list[tuple[int, int]]:
-    """Return the first and last log time, in ns, of each file's messages, or of each chunk's."""
-    found: list[tuple[int, int]] = []
-    for file in files:
-        said = file.statistics
-        if said is None:
-            chunks = file.index.chunks
-            found += [(one.start_ns, one.end_ns) for one in chunks if one.counts != {} and one.uncompressed_size]
-        elif said.message_count:
-            found.append((said.start_ns, said.end_ns))
-    return found
+    """Return the first and last log time, in ns, of each file that has messages."""
+    return [span for span in (file.span() for file in files) if span is not None]
 
 
 def _from_json(text: str) -> Any:

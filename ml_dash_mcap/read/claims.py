@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -65,6 +66,8 @@ def _of_chunks(said: Sequence[Chunk], walked: Sequence[Chunk], true: Mapping[int
     if not said:
         return
     by_offset = {chunk.offset: chunk for chunk in walked if chunk.compression != records.LOOSE}
+    count = Counter(chunk.offset for chunk in said)
+    yield from ((offset, f"the chunk here has {number} indexes") for offset, number in count.items() if number > 1)
     for chunk in said:
         there = by_offset.get(chunk.offset)
         if there is None:
@@ -94,6 +97,8 @@ def _of_entries(
     if not said:
         return
     by_offset: Mapping[int, Any] = {entry.offset: entry for entry in walked}
+    count = Counter(entry.offset for entry in said)
+    yield from ((offset, f"the {kind} here has {number} indexes") for offset, number in count.items() if number > 1)
     for entry in said:
         there = by_offset.get(entry.offset)
         if there is None:

@@ -141,7 +141,7 @@ def times_in(file: File, topic: str, located: Located) -> npt.NDArray[np.uint64]
 def time_range(files: Sequence[File], topic: str) -> tuple[float | None, float | None]:
     """Return the time stamps of a topic's first and last rows, in s; looks only into the chunks at its ends."""
     for file in files:
-        file.settle()
+        file.survey_few()
     located = _located(files, topic)
     first: int | None = None
     for one in located:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Hashable, Iterable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +20,12 @@ from .decoding import Decoding
 from .fields import Bytes, Fields
 from .index import FileIndex, Glance, ReindexedError
 from .losses import Loss, Losses
-from .records import Chunk, MessageIndex, Opcode, Statistics
+from .records import Chunk, MessageIndex, Opcode
 from .source import LocalFile, Source
 from .unpacking import Unpacking
+
+_FEW_CHUNKS = 256
+"""The message indexes of so many are read in some milliseconds."""
 
 
 class File:
@@ -101,12 +105,18 @@ class File:
         """What is known of it without looking up its chunks."""
         return self._glance if self._index is None and self._glance is not None else self.index.glance()
 
-    @property
-    def statistics(self) -> Statistics | None:
-        """How much of everything there is, and when: as the file says it, until its index is asked for."""
+    def span(self) -> tuple[int, int] | None:
+        """Return the first and the last log time of its messages, in ns; None without any.
+
+        As the statistics say it, until the index is asked for: then as far as that tells, without reading messages.
+        """
         if self._index is not None:
-            self.settle()
-        return self.glance.statistics
+            self.survey_few()
+        said = self.glance.statistics
+        if said is not None and not self._corrected:
+            return (said.start_ns, said.end_ns) if said.message_count else None
+        full = [chunk for chunk in self.index.chunks if chunk.counts != {} and chunk.uncompressed_size]
+        return (min(one.start_ns for one in full), max(one.end_ns for one in full)) if full else None
 
     def verify(self) -> bool:
         """Read the index, whose checksum verifies what is known at a glance; returns whether that was still to be done.
@@ -344,6 +354,13 @@ class File:
         if self.index.doubtful:
             truth.audit(self, lambda chunk, contents: None)
 
+    def survey_few(self) -> None:
+        """Do what `survey` does, if the file has so few chunks that it takes hardly any time."""
+        if len(self.index.chunks) <= _FEW_CHUNKS:
+            self.survey()
+        else:
+            self.settle()
+
     def reindex(self, error: DamagedFileError) -> bool:
         """Index the file by its records, because its summary points to where nothing is.
 
@@ -360,7 +377,7 @@ class File:
         if any(not loss.corrected for loss in walked.losses) or not _has_as_much(walked, index):
             return False
         self.note(error.offset, error.what)
-        self.adopt(walked)
+        self.adopt(replace(walked, losses=index.losses))
         self._corrected.clear()
         return True
 

@@ -102,7 +102,7 @@ def _indexed(how: walk.Walk, first: int, previous: FileIndex | None) -> FileInde
     found = summary.footer(source, size)
     if found is None:
         is_next = previous is not None and first <= previous.end <= size
-        index = how.unfinished(first, previous if is_next else None)
+        walked = how.unfinished(first, previous if is_next else None)
     else:
         try:
             by_summary = summary.read(source, size, how.header, found, limits)
@@ -110,9 +110,12 @@ def _indexed(how: walk.Walk, first: int, previous: FileIndex | None) -> FileInde
             by_summary = None
         if by_summary is not None:
             return by_summary
-        index = how.finished(first, summary.clues(source, size, found, limits) if how.salvages else None)
+        clues = summary.clues(source, size, found, limits)
+        walked = how.finished(first, clues if how.salvages else None)
+        if not clues.agree_with(walked) and not walked.losses:
+            walked = replace(walked, doubtful=True)
     end = how.end()
-    return index if end is None or end == size else end
+    return walked if end is None or end == size else end
 
 
 def _start(source: Source, size: int, is_new: bool) -> Fields | None:

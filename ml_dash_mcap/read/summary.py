@@ -149,7 +149,15 @@ class Clues:
 
     places: list[int]
     """Where records of the data section start, in bytes, sorted."""
-    message_count: int | None
+    statistics: Statistics | None
+    """What it says of how much of everything there is."""
+
+    def agree_with(self, index: FileIndex) -> bool:
+        """Whether a walk found as many messages of each channel as the statistics say."""
+        said = self.statistics
+        if said is None or not said.channel_message_counts:
+            return True
+        return positive(said.channel_message_counts) == positive(index.message_counts)
 
 
 def clues(source: Source, size: int, found: Footer, limits: Limits) -> Clues:
@@ -163,8 +171,7 @@ def clues(source: Source, size: int, found: Footer, limits: Limits) -> Clues:
     places = {entry.offset for entries in (contents.metadata, contents.attachments) for entry in entries}
     with suppress(DamagedFileError):
         places.update(chunk.offset for chunk in contents.indexes.chunks(start))
-    said = contents.statistics
-    return Clues(sorted(places), None if said is None else said.message_count)
+    return Clues(sorted(places), contents.statistics)
 
 
 def _is_plausible(found: Footer, size: int, limits: Limits) -> bool:

@@ -42,11 +42,11 @@ def differences(chunk: Chunk, contents: Contents) -> Iterator[tuple[str, str]]:
             f"the chunk is said to have log times from {chunk.start_ns} to {chunk.end_ns} ns,"
             f" but they go from {span[0]} to {span[1]} ns",
         )
-    if chunk.indexed and not contents.is_indexed:
-        yield "message index", "the message indexes behind the chunk do not say where all its messages lie, and when"
     missing = sorted(contents.counts.keys() - chunk.message_index_offsets.keys())
-    if not chunk.indexed and chunk.message_index_offsets and missing:
+    if chunk.message_index_offsets and missing:
         yield "message index", f"the chunk has no message index of channels {missing}, of which it has messages"
+    elif chunk.message_index_offsets and not (chunk.indexed and contents.is_indexed):
+        yield "message index", "the message indexes behind the chunk do not say where all its messages lie, and when"
 
 
 def are_times_right(source: Source, chunk: Chunk, limits: Limits) -> bool:
@@ -99,7 +99,7 @@ def audit(file: File, collect: Callable[[Chunk, Contents], T]) -> list[T | Damag
             is_read = all(contents is not None for _, contents, _ in opened)
             for offset, what in claims.wrong(file.source, file.limits, walked, true, is_read=is_read):
                 file.note(offset, what)
-            file.adopt(true)
+            file.adopt(replace(true, losses=before.losses))
     return [found for _, contents, found in opened if contents is not None or found is not None]  # type: ignore[misc]
 
 

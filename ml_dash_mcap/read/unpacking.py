@@ -74,7 +74,9 @@ class Unpacking:
         if record is None:
             chunks.check_size(chunk, name, self._limits)
             record = self._source.read(chunk.offset, chunk.length)
-        data = chunks.unpack(record, chunk, name, self._limits, lambda what: self._losses.note(name, chunk.offset, what))
+        data = chunks.unpack(
+            record, chunk, name, self._limits, lambda what: self._losses.note(name, chunk.offset, what)
+        )
         with self._kept_lock:
             self._kept[_key(chunk)] = data
             while len(self._kept) > _KEPT_CHUNKS or sum(map(len, self._kept.values())) > _KEPT_BYTES:

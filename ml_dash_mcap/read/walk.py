@@ -98,8 +98,8 @@ class Walk:
         self._walked.settle()
         self._look_inside(strict=clues is None)
         index = self._index(finished=True)
-        if clues is not None and clues.message_count is not None:
-            index = replace(index, losses=_counted(index, clues.message_count))
+        if clues is not None and clues.statistics is not None:
+            index = replace(index, losses=_counted(index, clues.statistics.message_count))
         return index
 
     def end(self) -> int | None:

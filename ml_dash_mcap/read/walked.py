@@ -117,7 +117,10 @@ class Walked:
             self.schemas.setdefault(schema_id, schema)
         for channel_id, channel in found.channels.items():
             self.channels.setdefault(channel_id, channel)
-        self.chunks[position] = _settled(replace(self.chunks[position], counts=found.counts))
+        chunk = self.chunks[position]
+        is_agreed = chunk.counts is None or {one: count for one, count in chunk.counts.items() if count} == found.counts
+        settled = _settled(replace(chunk, counts=found.counts))
+        self.chunks[position] = replace(settled, indexed=settled.indexed and is_agreed)
 
     def settle(self) -> None:
         """Say of the last chunk whether its message indexes cover it, as nothing will be added to them for now."""
