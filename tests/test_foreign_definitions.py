@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
+from mcap_ros2._dynamic import generate_dynamic
 from rosbags.typesys import Stores, get_typestore
 
 from ml_dash_mcap import Recording
@@ -113,6 +114,17 @@ def test_a_file_that_states_no_distribution_is_read_as_of_humble_with_a_warning_
     what = r"topic '/t': sensor_msgs/Range is taken for that of humble; .*pass"
     with draft.topic([a_range(HUMBLE)]).done() as recording, pytest.warns(ConversionWarning, match=what):
         assert next(recording["/t"].rows())["range"] == 2.0
+    later = Draft(draft.path.with_name("later.mcap")).topic([a_range(HUMBLE), a_range(JAZZY, 0.25), b"\0\1\0\0"])
+    what = r"topic '/t' has messages that only the sensor_msgs/msg/Range of iron fits"
+    with later.done() as recording, warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        found = list(recording["/t"].rows())
+    assert [row.get("variance") for row in found] == [None, 0.25, None] and found[2]["data"] == b"\0\1\0\0"
+    assert any(what in str(one.message) for one in warned)
+    with Recording(later.path, on_unknown="raise") as recording, warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConversionWarning)
+        with pytest.raises(DamagedFileError, match="at 3 ns"):
+            list(recording["/t"].rows())
     types = HUMBLE.types
     vector = types["geometry_msgs/msg/Vector3"](1.0, 2.0, 3.0)
     payload = bytes(HUMBLE.serialize_cdr(vector, "geometry_msgs/msg/Vector3"))
@@ -219,6 +231,36 @@ def test_a_text_that_is_no_utf_8_has_what_ros_1_itself_puts_in_its_place(draft: 
         "decode_messages.py", tmp_path / "cases.json", needs=("genpy", "rosbag"), package="python3-rosbag"
     )
     assert theirs == expected
+
+
+def test_messages_without_fields_are_what_ros_1_itself_reads(draft: Draft, tmp_path: Path) -> None:
+    text = "B one\nB[] some\nB[2] two\nint32 n\nC c\n===\nMSG: p/B\n# nothing\n===\nMSG: p/C\nB b\nuint8 x\n"
+    payload = struct.pack("<IiB", 3, -7, 8)
+    draft.topic([payload], name="p/A", schema="ros1msg", text=text.encode(), encoding="ros1")
+    draft.topic(
+        [b""],
+        topic="/e",
+        name="std_msgs/Empty",
+        encoding="ros1",
+        metadata={"md5sum": "d41d8cd98f00b204e9800998ecf8427e"},
+    )
+    row = {"one": {}, "some": [{}, {}, {}], "two": [{}, {}], "n": -7, "c": {"b": {}, "x": 8}}
+    with draft.done() as recording:
+        assert (rows(recording), rows(recording, "/e")) == ([row], [{}])
+    (tmp_path / "cases.json").write_text(json.dumps([["p/A", text.replace("===", "=" * 80), payload.hex()]]))
+    program = ("decode_messages.py", tmp_path / "cases.json")
+    assert system_python.run(*program, needs=("genpy", "rosbag"), package="python3-rosbag") == [row]
+
+
+def test_messages_without_fields_are_what_mcap_ros2_reads(draft: Draft) -> None:
+    text = "B one\nB[] some\nB[2] two\nint32 n\nstd_msgs/Empty e\nuint8 x\n" + "=" * 80 + "\nMSG: p/B\n# nothing\n"
+    payload = b"\0\1\0\0" + struct.pack("<BxxxI3B2BxxxiBB", 0, 3, 0, 0, 0, 0, 0, -7, 0, 8)
+    draft.topic([payload], name="p/msg/A", schema="ros2msg", text=text.encode())
+    with draft.done() as recording:
+        (row,) = rows(recording)
+    assert row == {"one": {}, "some": [{}, {}, {}], "two": [{}, {}], "n": -7, "e": {}, "x": 8}
+    theirs = generate_dynamic("p/msg/A", text + "=" * 80 + "\nMSG: std_msgs/Empty\n")["p/msg/A"](payload)
+    assert (len(theirs.some), len(theirs.two), theirs.n, theirs.x) == (3, 2, -7, 8)
 
 
 def test_a_text_that_is_no_utf_8_costs_no_row_and_no_column_in_ros_2(draft: Draft) -> None:

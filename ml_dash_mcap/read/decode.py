@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import orjson
@@ -182,19 +182,61 @@ def _ros_decoder(case: _Case, *, is_ros1: bool) -> Decoder:
     supply = Supply(case.decoding.definitions, case.likely(), is_ros1, digest)
     text = schema.data.decode(errors="replace")  # comments may be in anything
 
-    def replaced() -> None:
-        case.warn(
+    replaced = _Once(
+        lambda: case.warn(
             UndecodedWarning, " has texts that are no UTF-8: what is wrong in them is U+FFFD in its rows, as ROS has it"
         )
-
+    )
     carries = case.decoding.on_unknown != "raise"
     described = (schema.name, schema.encoding, text)
-    decode = ros_decode.decoder(
-        *described, is_ros1=is_ros1, supply=supply, replaced=replaced, misfit=case.misfit() if carries else None
-    )
-    for guess in ros_decode.definition(*described, supply).guesses:
-        case.warn(ConversionWarning, f": {guess}; pass definitions={{{schema.name!r}: <its .msg text>}} to say it")
-    return decode
+    misfit: ros_decode.Misfit | None = case.misfit() if carries else None
+    guesses = ros_decode.definition(*described, supply).guesses
+    if guesses:
+        for guess in guesses:
+            case.warn(ConversionWarning, f": {guess}; pass definitions={{{schema.name!r}: <its .msg text>}} to say it")
+        misfit = _other_distributions(case, described, supply, misfit)
+    return ros_decode.decoder(*described, is_ros1=is_ros1, supply=supply, replaced=replaced, misfit=misfit)
+
+
+def _other_distributions(
+    case: _Case, described: tuple[str, str, str], supply: Supply, otherwise: ros_decode.Misfit | None
+) -> ros_decode.Misfit:
+    """Return what reads a message that does not fit the likeliest distribution as that of another that it fits."""
+    known = [ros_decode.definition(*described, supply).messages]
+    decoders: dict[str, Decoder] = {}
+    for name in supply.likely.names[1 : supply.likely.certain]:
+        others = Likely((name, *(one for one in supply.likely.names if one != name)), 1)
+        found = ros_decode.definition(*described, replace(supply, likely=others))
+        if found.messages not in known:
+            known.append(found.messages)
+            decoders[name] = ros_decode.decoder(*described, supply=replace(supply, likely=others))
+
+    def take(payload: bytes, why: ValueError) -> Any:
+        for name, decode in decoders.items():
+            try:
+                row = decode(payload)
+            except ValueError:
+                continue
+            case.warn(ConversionWarning, f" has messages that only the {case.schema.name} of {name} fits")
+            return row
+        if otherwise is None:
+            raise why
+        return otherwise(payload, why)
+
+    return take
+
+
+class _Once:
+    """Does something when it is called for the first time."""
+
+    def __init__(self, do: Callable[[], object]) -> None:
+        self._do = do
+        self._is_done = False
+
+    def __call__(self) -> None:
+        if not self._is_done:
+            self._is_done = True
+            self._do()
 
 
 _ROS = (_ros1_decoder, _cdr_decoder)

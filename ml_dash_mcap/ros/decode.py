@@ -217,7 +217,7 @@ def _defaults(found: Definitions, head: bytes, wire: Wire) -> Sequence[str]:
         return (root,)
     if stated != root:
         raise ValueError(f"it starts with {head!r}, which announces a message that is {root}, and it is {stated}")
-    return ("final", APPENDABLE)
+    return (root,) if found.extensibility.keys() >= found.messages.keys() else ("final", APPENDABLE)
 
 
 def _reader(found: Definitions, wire: Wire, default: str = "final", replaces: bool = False) -> Read:

@@ -164,13 +164,26 @@ class _Texts:
     """The text of each message, and what names mean in it."""
 
     def __init__(self, texts: Mapping[str, list[str]], is_ros1: bool, find: Find) -> None:
-        self._texts = dict(texts)
+        self._texts: dict[str, list[str]] = {}
+        self._by_last: dict[str, list[str]] = {}
+        self._by_short: dict[str, list[str]] = {}
+        """Names of messages by their last part, and by all but what stands between the first and the last."""
+        self._unknown: set[str] = set()
+        self._add(texts)
         self._is_ros1 = is_ros1
         self._find = find
         self._built_in = {**interfaces.KNOWN, **(interfaces.KNOWN_ROS1 if is_ros1 else {})}
         self._aliases = ROS1_ALIASES if is_ros1 else ROS2_ALIASES
         self._messages: dict[str, Fields] = {}
         """Definitions that were looked up in another language."""
+
+    def _add(self, texts: Mapping[str, list[str]]) -> None:
+        for name, own in texts.items():
+            if name in self._texts:
+                continue
+            self._texts[name] = own
+            self._by_last.setdefault(name.rpartition("/")[2], []).append(name)
+            self._by_short.setdefault(shortened(name), []).append(name)
 
     def fields(self, message: str) -> Fields:
         if not self._is_known(message):
@@ -197,9 +210,15 @@ class _Texts:
         """Whether there is a message; what the text lacks is looked up, and taken in with all that comes with it."""
         if message in self._texts or message in self._messages:
             return True
-        same = [name for name in self._texts if message == shortened(name) or name == shortened(message)]
+        if message not in self._unknown and not self._is_looked_up(message):
+            self._unknown.add(message)
+        return message not in self._unknown
+
+    def _is_looked_up(self, message: str) -> bool:
+        short = shortened(message)
+        same = self._by_short.get(short, []) if message == short else [short] if short in self._texts else []
         if len(same) == 1:
-            self._texts[message] = self._texts[same[0]]
+            self._add({message: self._texts[same[0]]})
             return True
         text = self._built_in.get(message)
         found = Found(text) if text is not None else self._find(message)
@@ -209,8 +228,7 @@ class _Texts:
             return False
         self._messages.update({name: fields for name, fields in found.messages.items() if name not in self._texts})
         if not found.messages:
-            for name, texts in _sections(message, found.text).items():
-                self._texts.setdefault(name, texts)
+            self._add(_sections(message, found.text))
         return message in self._texts or message in self._messages
 
     def _fields(self, message: str, text: str) -> Fields:
@@ -247,7 +265,7 @@ class _Texts:
             return Named(_HEADER_MESSAGE)
         if self._is_known(own):
             return Named(own)
-        elsewhere = [name for name in self._texts if name.rpartition("/")[2] == type_]
+        elsewhere = self._by_last.get(type_, [])
         if len(elsewhere) == 1:
             return Named(elsewhere[0])
         if is_header and self._is_known(_HEADER_MESSAGE):

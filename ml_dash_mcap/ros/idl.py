@@ -97,6 +97,8 @@ class _Parser:
         self._find = find
         self._token = ""
         self._structs: dict[str, Fields] = {}
+        self._by_short: dict[str, list[str]] = {}
+        """Structs by their names without what stands between the first part and the last."""
         self._bases: dict[str, str] = {}
         """Structs to those whose members they have too."""
         self.extensibility: dict[str, str] = {}
@@ -129,7 +131,8 @@ class _Parser:
     def _own_fields(self, message: str) -> Fields:
         if message in self._structs:
             return self._structs[message]
-        same = [name for name in self._structs if message == shortened(name) or name == shortened(message)]
+        short = shortened(message)
+        same = self._by_short.get(short, []) if message == short else [short] if short in self._structs else []
         if len(same) == 1:
             return self._structs[same[0]]
         text = interfaces.KNOWN.get(message) or interfaces.around(message, self._structs)
@@ -238,6 +241,8 @@ class _Parser:
             self._expect(";")
         if message in self._structs and list(self._structs[message].items()) != list(fields.items()):
             raise EncodingError(f"it defines {message} more than once, with other members each time")
+        if message not in self._structs:
+            self._by_short.setdefault(shortened(message), []).append(message)
         self._structs[message] = fields
 
     def _other(self, kind: str, scope: Scope, annotations: Mapping[str, str]) -> None:

@@ -44,6 +44,7 @@ class Finder:
             root: The message that the supply's digest is of.
         """
         self._supply = supply
+        self._given = dict(supply.given)
         self._root = canonical(root)
         self.guesses: list[str] = []
         """What was taken for likely, in words."""
@@ -57,7 +58,7 @@ class Finder:
 
     def __call__(self, name: str) -> Found | None:
         """Return what is known of a message; None if nothing is."""
-        given = self._supply.text(name)
+        given = self._given.get(canonical(name))
         if given is not None:
             return Found(messages=idl.parse(name, given, find=self).messages) if is_idl(given) else Found(given)
         from . import stores  # which loads rosbags

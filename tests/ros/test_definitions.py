@@ -173,3 +173,13 @@ def test_messages_of_services_and_actions_may_be_made_of_parts_that_have_section
     }
     event = "Add_Event e\n===\nMSG: p/Add_Request\nint32 a\n===\nMSG: p/Add_Response\nint32 b"
     assert list(definitions.parse("p/msg/A", event).messages["p/Add_Event"]) == ["info", "request", "response"]
+
+
+@pytest.mark.timeout(20)
+def test_a_long_definition_takes_a_time_that_grows_with_its_length_alone() -> None:
+    sections = "".join(f"===\nMSG: q/odd/M{number}\nint8 x\n" for number in range(8_000))
+    used = "".join(f"M{number} a{number}\nq/M{number} b{number}\n" for number in range(8_000))
+    assert len(definitions.parse("p/A", used + sections).messages) > 8_000
+    unknown = "".join(f"N{number} a{number}\n" for number in range(50_000))
+    with pytest.raises(EncodingError, match="of type 'N0'"):
+        definitions.parse("p/A", unknown + sections)

@@ -141,3 +141,11 @@ def test_a_service_in_idl_has_an_event() -> None:
     payload = b"\0\1\0\0" + struct.pack("<BxxxiI16s4xq", 1, 2, 3, bytes(16), 4) + struct.pack("<IiI", 1, 7, 0)
     row = decoder("p/srv/Add_Event", "ros2idl", text)(payload)
     assert (row["info"]["sequence_number"], row["request"], row["response"]) == (4, [{"a": 7}], [])
+
+
+@pytest.mark.timeout(20)
+def test_long_idl_takes_a_time_that_grows_with_its_length_alone() -> None:
+    structs = "".join(f"struct M{number} {{ long x; }};" for number in range(10_000))
+    members = "".join(f"q::M{number} a{number};" for number in range(10_000))
+    text = f"module q {{ module odd {{ {structs} }}; }}; module p {{ struct A {{ {members} }}; }};"
+    assert len(idl.parse("p::A", text).messages) == 10_001
