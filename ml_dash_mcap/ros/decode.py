@@ -12,7 +12,7 @@ from ..errors import EncodingError
 from . import definitions, idl
 from .message_types import APPENDABLE, Definitions, canonical
 from .reader import Read, reader
-from .supply import Finder, Supply, is_idl
+from .supply import Finder, Supply, is_idl, settled
 from .wire import BY_HEAD, CDR, DELIMITED, PARAMETER_LISTS, ROS1, Wire
 
 Row = dict[str, Any]
@@ -77,6 +77,7 @@ def definition(name: str, schema_encoding: str, text: str, supply: Supply = _NOT
         raise EncodingError(f"it is {len(text)} characters long, of {_TEXT_CHARACTERS} at most")
     find = Finder(supply, name)
     given = supply.text(name)
+    text_of_recording = given is None and bool(text.strip())
     if given is not None:
         text, schema_encoding = given, _language(supply, "ros2idl" if is_idl(given) else "")
     elif not text.strip():
@@ -86,6 +87,8 @@ def definition(name: str, schema_encoding: str, text: str, supply: Supply = _NOT
             found = idl.parse(name, text, is_ros=schema_encoding != "omgidl", find=find)
         else:
             found = definitions.parse(name, text, is_ros1=schema_encoding == "ros1msg", find=find)
+            if find.borrowed and text_of_recording and supply.digest:
+                return definition(name, schema_encoding, text, settled(name, text, supply))
         found = replace(found, guesses=tuple(find.guesses))
         wire = ROS1 if supply.is_ros1 or schema_encoding == "ros1msg" else CDR
         _reader(found, replace(wire, is_version_2=True) if found.has_optional() else wire)

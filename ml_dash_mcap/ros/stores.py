@@ -136,9 +136,9 @@ def _text(distro: str, full: str) -> str:
 
 @cache
 def _rihs(distro: str, full: str) -> str:
-    """Return the hash of a type as ROS has it, for which a `char` is a `uint8`."""
+    """Return the hash of a type as ROS has it."""
     own = get_typestore(Stores.EMPTY)
-    own.register(get_types_from_msg(re.sub(r"^char\b", "uint8", _text(distro, full), flags=re.MULTILINE), full))
+    own.register(get_types_from_msg(_without_char(_text(distro, full)), full))
     return own.hash_rihs01(full)
 
 
@@ -153,6 +153,21 @@ def _layout(distro: str, full: str) -> Any:
         return (int(kind), what) if int(kind) == 1 else (int(kind), described(*what[0]), what[1])
 
     return tuple((field, described(*what)) for field, what in found.fielddefs[full][1])
+
+
+def digest_of_others(name: str, text: str, *, is_ros1: bool = False) -> str | None:
+    """Return the hash of a type of others, as `digest` does; None where rosbags cannot say it."""
+    parts = name.split("/")
+    full = f"{parts[0]}/msg/{parts[-1]}" if is_ros1 or len(parts) < 3 else name
+    try:
+        return digest(full, text if is_ros1 else _without_char(text), is_ros1=is_ros1)
+    except Exception:  # rosbags raises errors of several trees, AssertionError among them
+        return None
+
+
+def _without_char(text: str) -> str:
+    """Return a definition as rosidl has it, for which a `char` is a `uint8`."""
+    return re.sub(r"^char\b", "uint8", text, flags=re.MULTILINE)
 
 
 def digest(name: str, text: str, *, is_ros1: bool = False) -> str:

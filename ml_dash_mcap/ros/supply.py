@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ..errors import EncodingError
 from . import definitions, distros, idl
@@ -48,6 +48,8 @@ class Finder:
         self._root = canonical(root)
         self.guesses: list[str] = []
         """What was taken for likely, in words."""
+        self.borrowed: list[str] = []
+        """Messages that were found in ROS itself."""
         self.why = ""
         """Why the last message was not found."""
 
@@ -75,7 +77,35 @@ class Finder:
                 f"{name} is taken for that of {found.distro}; that of {', '.join(found.others)} has other fields, and"
                 " the recording does not say which it is"
             )
+        self.borrowed.append(name)
         return Found(found.text)
+
+
+def settled(name: str, text: str, supply: Supply) -> Supply:
+    """Return a supply from which a definition, completed, has the hash that the channel says; without that hash.
+
+    Args:
+        name: Of the message.
+        text: Its definition in the .msg language, which lacks messages.
+        supply: Where they come from.
+
+    Raises:
+        EncodingError: No distribution has such messages.
+    """
+    from . import stores  # which loads rosbags
+
+    names = ("noetic",) if supply.is_ros1 else supply.likely.names
+    for first in names:
+        rest = tuple(one for one in supply.likely.names if one != first)
+        likely = supply.likely if supply.is_ros1 else Likely((first, *rest), 1)
+        candidate = replace(supply, likely=likely, digest="")
+        find = Finder(candidate, name)
+        whole = definitions.complete(name, text, is_ros1=supply.is_ros1, find=find)
+        digest = stores.digest_of_others(name, whole, is_ros1=supply.is_ros1)
+        if digest is None or supply.digest in (digest, "*"):
+            return candidate
+    borrowed = ", ".join(find.borrowed)
+    raise EncodingError(f"with {borrowed} as ROS has it, the hash of {name} is not {supply.digest}")
 
 
 def complete(name: str, schema_encoding: str, text: str, supply: Supply) -> tuple[str, str]:

@@ -217,3 +217,42 @@ def test_a_definition_that_is_complete_stays_as_it_is() -> None:
         complete("p/msg/Thing", "", "", supply())
     idl = "module p { struct Thing { long x; }; };"
     assert complete("p/msg/Thing", "", "", supply(("p/Thing", idl))) == ("ros2idl", idl)
+
+
+SONAR = "sensor_msgs/Range[] all\nuint8 n"
+
+
+@pytest.mark.parametrize("store", [HUMBLE, JAZZY], ids=["humble", "jazzy"])
+@pytest.mark.parametrize("distro", ["humble", "jazzy", None])
+def test_a_hash_also_chooses_the_messages_that_a_definition_lacks(store: Any, distro: str | None) -> None:
+    text = SONAR + "\n" + "=" * 80 + "\nMSG: sensor_msgs/Range\n" + store.generate_msgdef(RANGE, ros_version=2)[0]
+    own = get_typestore(Stores.EMPTY)
+    own.register(get_types_from_msg(text, "p/msg/Sonar"))
+    inner = a_range(store, **({"variance": 0.25} if store is JAZZY else {}))
+    message = own.types["p/msg/Sonar"]([own.deserialize_cdr(inner, RANGE)], 7)
+    payload = bytes(own.serialize_cdr(message, "p/msg/Sonar"))
+    known = supply(distro=distro, digest=own.hash_rihs01("p/msg/Sonar"))
+    row = decoder("p/msg/Sonar", "ros2msg", SONAR, supply=known)(payload)
+    assert (row["n"], row["all"][0].get("variance")) == (7, 0.25 if store is JAZZY else None)
+    assert definition("p/msg/Sonar", "ros2msg", SONAR, known).guesses == ()
+    with pytest.raises(
+        EncodingError, match="with sensor_msgs/Range as ROS has it, the hash of p/msg/Sonar is not RIHS01_0"
+    ):
+        definition("p/msg/Sonar", "ros2msg", SONAR, supply(distro=distro, digest="RIHS01_0"))
+
+
+def test_an_md5_sum_is_held_against_what_ros_1_has_for_the_messages_that_a_definition_lacks() -> None:
+    text = "Header header\ngeometry_msgs/Pose pose\nuint8 MODE=3"
+    whole = NOETIC.generate_msgdef("geometry_msgs/msg/PoseStamped", ros_version=1)[0]
+    named = "geometry_msgs/PoseStamped", "ros1msg", whole.partition("=" * 80)[0]
+    md5 = "d3812c3cbc69362b77dc0b19b345f8f5"  # rosmsg md5 geometry_msgs/PoseStamped
+    for digest in (md5, "*", ""):
+        found = definition(*named, supply(is_ros1=True, digest=digest))
+        assert list(found.messages["geometry_msgs/Pose"]) == ["position", "orientation"]
+    with pytest.raises(EncodingError, match="the hash of geometry_msgs/PoseStamped is not 0000"):
+        definition(*named, supply(is_ros1=True, digest="0000"))
+    with pytest.raises(EncodingError, match="the hash of p/A is not"):
+        definition("p/A", "ros1msg", text, supply(is_ros1=True, digest=md5))
+    given = ("std_msgs/Header", "uint32 seq\ntime stamp\nstring frame_id"), ("geometry_msgs/Pose", "uint8 own")
+    found = definition("p/A", "ros1msg", text, supply(*given, is_ros1=True, digest=md5))
+    assert list(found.messages["geometry_msgs/Pose"]) == ["own"], "what was given is taken at its word"
