@@ -131,3 +131,20 @@ def test_a_package_that_exists_is_left_alone(tmp_path: Path) -> None:
     with pytest.raises(DestinationExistsError, match="out_interfaces"):
         export(tmp_path / "run", tmp_path / "out.bag", "rosbag1")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out_interfaces", "run"]
+
+
+def test_joints_that_change_and_frames_are_read_by_ros_1(tmp_path: Path) -> None:
+    pose = {"ee_pos": ROBOT["ee_pos"], "ee_quat": ROBOT["ee_quat"]}
+    rows = [
+        {"name": ["b", "a"], "position": [1.0, 2.0], "velocity": [], "effort": [], **pose, "_ts": 1.0},
+        {"name": ["c"], "position": [3.0], "velocity": [4.0], "effort": [], **pose, "frame_id": "map", "_ts": 2.0},
+    ]
+    record(tmp_path / "run", {"arm": rows})
+    with pytest.warns(ConversionWarning, match="'world'"):
+        bag = export(tmp_path / "run", tmp_path / "out.bag", "rosbag1", profile="std", tf=True)
+    topics = with_ros1(bag)["topics"]
+    joints = topics["/arm/joint_states"]
+    assert (joints["read"], joints["valid"]) == (2, True)
+    assert (joints["first"]["name"], joints["first"]["position"]) == (["b", "a"], [1.0, 2.0])
+    (transform,) = topics["/tf"]["first"]["transforms"]
+    assert (transform["header"]["frame_id"], transform["child_frame_id"]) == ("world", "arm/ee_pose")
