@@ -77,11 +77,12 @@ def definition(name: str, schema_encoding: str, text: str, supply: Supply = _NOT
         raise EncodingError(f"it is {len(text)} characters long, of {_TEXT_CHARACTERS} at most")
     find = Finder(supply, name)
     given = supply.text(name)
-    text_of_recording = given is None and bool(text.strip())
+    text_of_recording = given is None
     if given is not None:
         text, schema_encoding = given, _language(supply, "ros2idl" if is_idl(given) else "")
-    elif not text.strip():
+    elif not text.strip(" \t\r\n\0\ufeff"):
         text, schema_encoding = _looked_up(find, name, schema_encoding), _language(supply, "")
+        text_of_recording = False
     try:
         if schema_encoding.endswith("idl") or is_idl(text):
             found = idl.parse(name, text, is_ros=schema_encoding != "omgidl", find=find)

@@ -29,6 +29,8 @@ SEPARATOR = "=" * 80
 _SEPARATOR = re.compile(r"={3,}")
 _HEADER = re.compile(r"(?:MSG|SRV|ACTION):\s*(\S+)")
 _PART = "---"
+_BLANKS = " \t\r\v\f\0\ufeff"
+"""What stands at the ends of a line and means nothing; among it what C and Windows put at those of a file."""
 _HEADER_MESSAGE = "std_msgs/Header"
 _NOT_DECODED = frozenset({"wstring"})
 """Whose bytes depend on the middleware: 2 or 4 a character (https://github.com/ros2/rosidl_python/issues/104)."""
@@ -124,7 +126,7 @@ def _sections(root: str, text: str) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     current, lines = root, list[str]()
     for line in [*_lines(text), "==="]:
-        stripped = line.strip()
+        stripped = line.strip(_BLANKS)
         header = _HEADER.fullmatch(stripped)
         if _SEPARATOR.fullmatch(stripped):
             _add(found, current, lines)

@@ -77,6 +77,17 @@ def _without_suffix(name: str, suffixes: Sequence[str]) -> str:
     return name
 
 
+def interface_of(name: str) -> str:
+    """Return the service or action that a message is a part of, as far as its name tells.
+
+    Example:
+        >>> interface_of("pkg/AddTwoInts_Event")
+        'pkg/AddTwoInts'
+    """
+    around_an_action = ("SendGoal_Event", "GetResult_Event", *_AROUND_AN_ACTION)
+    return _without_suffix(name, (*around_an_action, "Event", *_SERVICE, *_ACTION))
+
+
 def around(name: str, defined: Container[str]) -> str | None:
     """Return the definition of a message that ROS makes of the parts of an interface; None if it is no such message.
 

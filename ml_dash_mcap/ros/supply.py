@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from ..errors import EncodingError
-from . import definitions, distros, idl
+from . import definitions, distros, idl, interfaces
 from .definitions import Found
 from .distros import Likely
 from .message_types import canonical
 
+_PARTS = re.compile(r"^---\s*$", re.MULTILINE)
 _IDL = re.compile(r"^\s*(?:module|struct)\s+\w+\s*[:{]", re.MULTILINE)
 
 Given = tuple[tuple[str, str], ...]
@@ -29,8 +31,8 @@ class Supply:
     """What the channel says of its type: "RIHS01_...", or an MD5 sum; empty if nothing."""
 
     def text(self, name: str) -> str | None:
-        """Return the definition that was given for a type; None if there is none."""
-        return dict(self.given).get(canonical(name))
+        """Return the definition that was given for a type, or for the service or action that it is a part of."""
+        return _given(dict(self.given), canonical(name))
 
 
 class Finder:
@@ -60,7 +62,7 @@ class Finder:
 
     def __call__(self, name: str) -> Found | None:
         """Return what is known of a message; None if nothing is."""
-        given = self._given.get(canonical(name))
+        given = _given(self._given, canonical(name))
         if given is not None:
             return Found(messages=idl.parse(name, given, find=self).messages) if is_idl(given) else Found(given)
         from . import stores  # which loads rosbags
@@ -79,6 +81,14 @@ class Finder:
             )
         self.borrowed.append(name)
         return Found(found.text)
+
+
+def _given(texts: Mapping[str, str], name: str) -> str | None:
+    text = texts.get(name)
+    if text is None:
+        base = texts.get(interfaces.interface_of(name), "")
+        text = base if _PARTS.search(base) else None
+    return text
 
 
 def settled(name: str, text: str, supply: Supply) -> Supply:

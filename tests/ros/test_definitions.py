@@ -183,3 +183,9 @@ def test_a_long_definition_takes_a_time_that_grows_with_its_length_alone() -> No
     unknown = "".join(f"N{number} a{number}\n" for number in range(50_000))
     with pytest.raises(EncodingError, match="of type 'N0'"):
         definitions.parse("p/A", unknown + sections)
+
+
+def test_marks_that_files_begin_or_end_with_mean_nothing() -> None:
+    text = "\ufefffloat64 x\n===\n\ufeffMSG: p/B\n\ufeffint32 n\n\0"
+    assert fields(text) == {"x": DOUBLE}
+    assert fields("B b\n" + text.partition("\n")[2]) == {"b": Named("p/B")}

@@ -256,3 +256,24 @@ def test_an_md5_sum_is_held_against_what_ros_1_has_for_the_messages_that_a_defin
     given = ("std_msgs/Header", "uint32 seq\ntime stamp\nstring frame_id"), ("geometry_msgs/Pose", "uint8 own")
     found = definition("p/A", "ros1msg", text, supply(*given, is_ros1=True, digest=md5))
     assert list(found.messages["geometry_msgs/Pose"]) == ["own"], "what was given is taken at its word"
+
+
+def test_a_service_or_an_action_is_given_by_its_own_name() -> None:
+    service, action = "int64 a\n---\nint64 sum\n", "uint8 g\n---\nuint8 r\n---\nuint8 f\n"
+    known = supply(("p/Add", service), ("p/Go", action), ("p/No", "uint8 x"))
+    info = struct.pack("<BxxxiI16s4xq", 1, 2, 3, bytes(16), 4)
+    payload = b"\0\1\0\0" + info + struct.pack("<I4xqI", 1, 7, 0)
+    row = decoder("p/srv/Add_Event", "", "", supply=known)(payload)
+    assert (row["request"], row["response"]) == ([{"a": 7}], [])
+    assert decoder("p/srv/Add_Response", "", "", supply=known)(b"\0\1\0\0" + struct.pack("<q", 9)) == {"sum": 9}
+    feedback = decoder("p/action/Go_FeedbackMessage", "", "", supply=known)
+    assert feedback(b"\0\1\0\0" + bytes(range(16)) + b"\5") == {
+        "goal_id": {"uuid": bytes(range(16))},
+        "feedback": {"f": 5},
+    }
+    assert list(definition("p/action/Go_SendGoal_Event", "", "", known).messages["p/Go_SendGoal_Request"]) == [
+        "goal_id",
+        "goal",
+    ]
+    with pytest.raises(EncodingError, match="no standard message"):
+        decoder("p/msg/No_Event", "", "", supply=known)
