@@ -243,13 +243,13 @@ def test_the_time_to_read_grows_with_the_number_of_fields_and_not_with_its_squar
         with Recording(tmp_path / str(fields)) as recording:
             times = []
             for _ in range(3):
-                start = time.perf_counter()
+                start = time.process_time()
                 table = recording["wide"].to_arrow()
-                times.append(time.perf_counter() - start)
+                times.append(time.process_time() - start)
         assert table.num_columns == fields + 1 and table.column(fields).to_pylist()[:2] == [fields - 1, fields - 0.5]
-        return min(times)
+        return min(times)  # of this process, on all threads: others do not count
 
-    assert best_of_three(6000) / best_of_three(1500) < 9  # it was 20 to 30; linear is 4
+    assert best_of_three(6000) / best_of_three(1000) < 18  # linear is 6, and its square 36
 
 
 def test_fields_that_few_rows_have_are_found(tmp_path: Path) -> None:
