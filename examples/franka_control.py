@@ -579,8 +579,6 @@ def main() -> None:
     steps = round(arguments.seconds * CONTROL_HZ)
     folder = arguments.root / arguments.prefix
     plot = arguments.plot or folder / "plot.png"
-    if any(folder.glob("*.mcap")):
-        print(f"{folder} holds a recording already: this run adds to it, and replaces rows of the same time")
 
     sys.setswitchinterval(SWITCH_S)
     warm_up(model, data, phases)

@@ -11,11 +11,10 @@ from pathlib import Path
 from .errors import MissingRecordingError, RecorderError
 from .layout import SESSION_GLOB
 from .paths import place
+from .read.runs import status_of
 from .recording import Recording
 from .run_folders import holds_run, runs_below
 from .write.lock import SessionLock
-
-_ENDED = ("completed", "failed", "cancelled")
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,12 +95,7 @@ def _look_at(folder: Path) -> CatalogEntry:
 
 
 def _status(folder: Path, recording: Recording) -> str:
-    if _is_recorded(folder):
-        return "recording"
-    said = recording.run.get("status")
-    if said is not None:
-        return said if said in _ENDED else "died"
-    return "finished" if recording.finished else "unfinished"
+    return status_of(recording.run.get("status"), is_recorded=_is_recorded(folder), is_finished=recording.finished)
 
 
 def _is_recorded(folder: Path) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import itertools
 import json
+import logging
 import os
 import socket
 import threading
@@ -19,6 +20,7 @@ from .annotations import NOTHING_SAID, collect
 from .errors import FieldError, PrefixError, StorageError, TopicError, UsageError
 from .layout import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
 from .options import RecorderOptions, arguments_of, check_options, misplaced
+from .read.earlier import simulated_until
 from .recovery import recover_folder
 from .rows.encode import dumps, plain, plain_list
 from .timestamps import stamper
@@ -30,6 +32,8 @@ from .write.channels import ChannelInfo
 from .write.journal import Journal
 from .write.session import SessionFiles
 from .write.writer import Writer
+
+_log = logging.getLogger("ml_dash_mcap")
 
 _MAX_TOPICS = 65_535
 
@@ -78,6 +82,7 @@ class Recorder:
         """Names this opening of the recording; `run` in the metadata."""
         self._stamper = stamper(timestamps)
         recover_folder(self.path)
+        _warn_of_earlier_run(self.path)
         self._channels: dict[int, ChannelInfo] = {}
         self._topics: dict[tuple[str, str], Topic] = {}
         self._said: dict[tuple[str, str], dict[str, Any]] = {}
@@ -338,6 +343,19 @@ def _parameter_text(name: str, value: Any) -> str:
         return text.decode() if b"null" not in text else json.dumps(value, default=plain_list)
     except Exception as error:  # what a foreign object's own methods raise
         raise FieldError(f"parameter {name!r}: a {type(value).__qualname__} cannot be stored: {error}") from error
+
+
+def _warn_of_earlier_run(folder: Path) -> None:
+    """Say so if rows of this run may take the place of an earlier one's."""
+    end_s = simulated_until(folder)
+    if end_s is not None:
+        _log.warning(
+            "%s holds a run already whose times are near 0 (up to %.6g s): rows of this run at the same times are"
+            " merged with that run's when both are read; give each run a prefix of its own, or read one run with"
+            " Recording(path, run=...)",
+            folder,
+            end_s,
+        )
 
 
 def _make_folder(path: str | Path) -> Path:

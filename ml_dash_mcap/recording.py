@@ -25,11 +25,12 @@ from .layout import (
     METRIC_TOPICS,
     OWN_TOPICS,
     SEGMENT_SUFFIX,
+    SESSION_FILE,
     SESSION_GLOB,
 )
 from .lookup import Lookup, not_found
 from .paths import place
-from .read import about, attachments, counts, episodes, gaps, overview, rows, topics
+from .read import about, attachments, counts, episodes, gaps, overview, rows, runs, topics
 from .read.attachments import Attachments
 from .read.check import check
 from .read.decoding import decoding
@@ -40,6 +41,7 @@ from .read.gaps import Gap
 from .read.limits import Limits
 from .read.losses import Loss
 from .read.rows import check_range
+from .read.runs import RunInfo
 from .read.segments import Segments
 from .read.topics import TopicInfo
 from .results import BytesFormat, Entries, Take
@@ -72,6 +74,7 @@ class Recording(Mapping[str, TopicReader]):
         self,
         path: str | Path | Iterable[str | Path],
         *,
+        run: str | int | None = None,
         on_damage: str = "raise",
         limits: Limits | None = None,
         definitions: Mapping[str, str | Path] | None = None,
@@ -82,6 +85,9 @@ class Recording(Mapping[str, TopicReader]):
         Args:
             path: A run's folder or one file; or several of them, which are read as one recording. A ROS bag or another
                 foreign file is converted into a temporary recording first; `convert` makes one that stays.
+            run: Of a folder with several runs (`runs` lists them), the one to read: its id, or the beginning of that,
+                or its number, 0 for the first and -1 for the last. None reads all as one, in which rows of the same
+                topic and time are one row.
             on_damage: "raise" a DamagedFileError where a file is damaged, or "skip" what cannot be read and note it in
                 `losses`. A file that is no MCAP file can be skipped too, unless it is all that was asked for.
             limits: How much memory the files may ask for; None for the defaults, which suit files from outside.
@@ -94,6 +100,7 @@ class Recording(Mapping[str, TopicReader]):
         Raises:
             MissingRecordingError: There is none; also a FileNotFoundError.
             DamagedFileError: A file is no MCAP file, or a finished one is broken.
+            NotFoundError: There is no such run; the message names those that there are. Also a KeyError.
             OptionError: An option has a value that it cannot have; also a ValueError.
         """
         how = decoding(definitions, on_unknown)
@@ -118,6 +125,7 @@ class Recording(Mapping[str, TopicReader]):
         try:
             opened = [file for one in paths for file in self._as_recording(one, on_damage == "skip", bag_options)]
             self._segments = Segments(opened, limits or Limits(), salvages=on_damage == "skip", decoding=how)
+            self._run = None if run is None else self._choose(run)
         except BaseException:
             self._remove_converted()
             raise
@@ -366,6 +374,20 @@ class Recording(Mapping[str, TopicReader]):
         return about.run(self._opened())
 
     @property
+    def runs(self) -> list[RunInfo]:
+        """The runs in it, in the order in which they began: what each opening of a recorder on this folder wrote.
+
+        `Recording(path, run=...)` reads one of them; its `runs` has only that.
+
+        Example:
+            >>> [(run.id, run.status, run.start, run.end) for run in rec.runs]
+            >>> latest = Recording(rec.path, run=-1)
+        """
+        self._opened()
+        found = runs.find(self._segments.all, self._is_recorded)
+        return found if self._run is None else [run for run in found if run.id == self._run]
+
+    @property
     def params(self) -> dict[str, Any]:
         """The parameters, by dotted name: what was set last counts."""
         return about.parameters(self._opened())
@@ -482,6 +504,23 @@ class Recording(Mapping[str, TopicReader]):
     def _repr_html_(self) -> str:
         """Return the topics as a table, which notebooks show."""
         return escape(repr(self)) if self._closed else overview.table(repr(self), self.topics)
+
+    def _choose(self, run: str | int) -> str:
+        """Read one run only; returns its id."""
+        try:
+            name = runs.choose(self._segments.all, run)
+        except BaseException:
+            self._segments.close()
+            raise
+        self._segments.choose(lambda file: runs.id_of(file) == name)
+        return name
+
+    def _is_recorded(self, run: str) -> bool:
+        """Whether the recorder of a run lives."""
+        from .write.lock import SessionLock
+
+        folders = {path if path.is_dir() else path.parent for path in self._paths}
+        return any(SessionLock.is_held(folder / SESSION_FILE.format(session=run)) for folder in folders)
 
     def _opened(self) -> list[File]:
         if self._closed:

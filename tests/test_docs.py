@@ -19,6 +19,7 @@ from ml_dash_mcap.read.attachments import Attachment, Attachments
 from ml_dash_mcap.read.episodes import Episode
 from ml_dash_mcap.read.findings import Finding, Occurrence, Report
 from ml_dash_mcap.read.gaps import Gap
+from ml_dash_mcap.read.runs import RunInfo
 from ml_dash_mcap.read.spacings import Spacings
 from ml_dash_mcap.read.topics import TopicInfo
 from ml_dash_mcap.recording import TopicReader
@@ -45,7 +46,7 @@ CLASSES = [
     *(found for found in EXPORTED if inspect.isclass(found) and not issubclass(found, Exception)),
     *(Run, Tracks, Track, TrackSlice, Metrics, Metric, Parameters, Logs, Files),
     *(SessionTrack, SessionFiles, SessionFile, TopicReader, TopicInfo, Attachment, Attachments),
-    *(Gap, Report, Finding, Occurrence, Spacings, OpenEpisode, Episode),
+    *(RunInfo, Gap, Report, Finding, Occurrence, Spacings, OpenEpisode, Episode),
 ]
 """What is exported, and what that returns."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..read.runs import RunInfo
 from ..read.topics import TopicInfo
 from ..recording import Recording
 from . import output, reading, times
@@ -38,8 +39,22 @@ def _facts(recording: Recording, infos: list[TopicInfo], *, with_bytes: bool) ->
         "end": recording.end,
         "duration": recording.duration,
         "run": recording.run,
+        "runs": [_run(run) for run in recording.runs],
         "params": recording.params,
         "topics": [topic(info, with_bytes=with_bytes) for info in infos],
+    }
+
+
+def _run(run: RunInfo) -> dict[str, Any]:
+    return {
+        "index": run.index,
+        "id": run.id,
+        "status": run.status,
+        "start": run.start,
+        "end": run.end,
+        "files": [str(path) for path in run.segments],
+        "counts": dict(run.counts),
+        "metadata": dict(run.metadata),
     }
 
 
@@ -87,3 +102,20 @@ def _print(recording: Recording, infos: list[TopicInfo], *, with_bytes: bool) ->
         for info in infos
     ]
     output.print_table(headings, rows, right=("rows", "rate", "bytes"))
+    _print_runs(recording.runs)
+
+
+def _print_runs(runs: list[RunInfo]) -> None:
+    """Print the runs, if there are several."""
+    if len(runs) < 2:
+        return
+    print()
+    rows = [
+        [str(run.index), run.id, run.status, _shown(run.start), _shown(run.end), str(sum(run.counts.values()))]
+        for run in runs
+    ]
+    output.print_table(["run", "id", "status", "start", "end", "rows"], rows, right=("run", "rows"))
+
+
+def _shown(time: float | None) -> str:
+    return "" if time is None else times.show(time)

@@ -9,17 +9,34 @@ from collections.abc import Iterator
 
 from ..recording import Recording
 
+_DIGITS = 6
+"""A number of a run has no more; an id of digits only has 16."""
+
 
 def add_path(parser: argparse.ArgumentParser) -> None:
     """Let a command take a recording."""
     parser.add_argument("path", metavar="PATH", help="a recording: a run's folder, or a file")
+    parser.add_argument(
+        "--run",
+        dest="chosen_run",
+        metavar="RUN",
+        type=_run,
+        help="of several runs, read one: its number (0, or -1 for the last) or its id",
+    )
     parser.add_argument("--skip-damage", action="store_true", help="leave out what cannot be read, and exit with 3")
+
+
+def _run(text: str) -> str | int:
+    """Return a run's number, or its id; ids are hexadecimal, so one of digits only is told by its length."""
+    digits = text.removeprefix("-")
+    return int(text) if digits.isdecimal() and len(digits) <= _DIGITS else text
 
 
 @contextlib.contextmanager
 def opened(arguments: argparse.Namespace) -> Iterator[Recording]:
     """Give the recording that was asked for."""
-    with Recording(arguments.path, on_damage="skip" if arguments.skip_damage else "raise") as recording:
+    on_damage = "skip" if arguments.skip_damage else "raise"
+    with Recording(arguments.path, run=arguments.chosen_run, on_damage=on_damage) as recording:
         yield recording
 
 

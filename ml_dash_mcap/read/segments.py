@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from ..errors import DamagedFileError, MissingRecordingError
@@ -20,7 +20,8 @@ class Segments:
     """Runs' folders and files. Any thread may read their files; one at a time refreshes.
 
     Attributes:
-        files: In the order of writing.
+        files: In the order of writing, those that were chosen.
+        all: All that are there.
     """
 
     def __init__(
@@ -49,6 +50,8 @@ class Segments:
         self._salvages = salvages
         self._decoding = decoding
         self._refused = Losses()
+        self._is_chosen: Callable[[File], bool] = lambda file: True
+        self.all: list[File] = []
         self.files: list[File] = []
         try:
             self.refresh()
@@ -61,13 +64,18 @@ class Segments:
         """What was found damaged so far, and left out."""
         return [*self._refused.all(), *(loss for file in self.files for loss in file.losses)]
 
+    def choose(self, is_chosen: Callable[[File], bool]) -> None:
+        """Leave only some of the files in `files`, now and after each refresh."""
+        self._is_chosen = is_chosen
+        self.files = [file for file in self.all if is_chosen(file)]
+
     def refresh(self) -> bool:
         """Open files that are new, and go on with those that have grown or were renamed.
 
         Returns:
             Whether anything changed.
         """
-        known = {_stem(file.path): file for file in self.files}
+        known = {_stem(file.path): file for file in self.all}
         files: list[File] = []
         changed = False
         self._refused.clear()
@@ -83,12 +91,13 @@ class Segments:
                 files.append(file)
         for gone in known.values():
             gone.close()
-        self.files = files
+        self.all = files
+        self.files = [file for file in files if self._is_chosen(file)]
         return changed or bool(known)
 
     def close(self) -> None:
         """Close the files. May be called twice."""
-        for file in self.files:
+        for file in self.all:
             file.close()
 
     def _present(self) -> list[Path]:
