@@ -58,7 +58,7 @@ def accepted(path: Path, placements: Sequence[Placement]) -> list[Placement]:
         changed += [f"{name!r} is {name + '_'!r}" for name in _RESERVED if name in field]
         field = tuple(f"{name}_" if name in _RESERVED else name for name in field)
         number, last = 2, field[-1]
-        while (topic, field) in taken:
+        while (topic, field) in taken or (number > 2 and (topic, field) in all_paths):
             field, number = (*field[:-1], f"{last}#{number}"), number + 1
         taken.add((topic, field))
         found.append(replace(one, topic=topic, path=field))
