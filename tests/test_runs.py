@@ -215,6 +215,31 @@ def test_a_run_that_begins_where_a_simulated_one_is_says_so(tmp_path: Path, capl
     assert "Recording(path, run=...)" in warned[0]
 
 
+def test_a_run_of_logs_only_does_not_hide_the_simulated_one_before_it(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    record(tmp_path, 0)
+    logging.getLogger("ml_dash_mcap").setLevel(logging.ERROR)
+    for _ in range(2):
+        with Experiment("a/b", root=tmp_path).run as exp:
+            exp.log("nothing moved")
+    logging.getLogger("ml_dash_mcap").setLevel(logging.NOTSET)
+    with caplog.at_level(logging.WARNING), Recorder(tmp_path / "a/b"):
+        pass
+    assert ["near 0 (up to 0.9 s)" in one.getMessage() for one in caplog.records] == [True]
+
+
+def test_a_run_after_one_that_was_killed_says_so_too(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    program = (
+        "import os; from ml_dash_mcap import Recorder;"
+        f" Recorder({str(tmp_path)!r}).topic('a').append(x=1, _ts=2.5); os.kill(os.getpid(), 9)"
+    )
+    assert subprocess.run([sys.executable, "-c", program]).returncode == -signal.SIGKILL
+    with caplog.at_level(logging.WARNING), Recorder(tmp_path):
+        pass
+    assert ["near 0 (up to 2.5 s)" in one.getMessage() for one in caplog.records] == [True]
+
+
 def test_the_warning_is_seen_without_any_set_up(tmp_path: Path) -> None:
     program = f"from ml_dash_mcap import Recorder; Recorder({str(tmp_path)!r}).topic('a').append(x=1, _ts=0.0)"
     first, second = (
