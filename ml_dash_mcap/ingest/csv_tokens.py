@@ -101,6 +101,7 @@ class Tokens:
 
     def _in_bulk(self, data: bytes, line: int, read: int) -> Rows | None:
         """Cut rows without quotes all at once; None if they are not all alike."""
+        data = data.replace(b"\r\n", b"\n")
         if b"\r" in data:
             return None
         array = np.frombuffer(data if data.endswith(b"\n") else data + b"\n", np.uint8)
@@ -127,64 +128,62 @@ class Tokens:
         cells: list[bytes] = []
         quoted: list[bool] = []
         lines: list[int] = []
+        cut = 0
+        for row, marks, end, first in self._rows(data, line, is_last=is_last):
+            cut = end
+            if is_header:
+                is_header = not any(one.strip() for one in row)
+            elif any(one.strip() for one in row) or any(marks):
+                self._check_count(row, first)
+                missing = [b""] * (self.columns - len(row))
+                cells += (row + missing)[: self.columns]
+                quoted += (marks + [False] * len(missing))[: self.columns]
+                lines.append(first)
+        rest, behind = data[cut:], line + _breaks(data, 0, cut)
+        if is_header:
+            return None, rest, behind
+        if not b"".join(cells).isascii():
+            for at, cell in enumerate(cells):
+                self._check_text(cell, lines[at // self.columns])
+        flags = np.array(quoted, np.bool_)
+        array = pa.array(cells, pa.binary()).cast(pa.string())
+        return Rows(len(lines), array, flags if flags.any() else None, np.array(lines), read), rest, behind
+
+    def _rows(self, data: bytes, line: int, *, is_last: bool) -> Iterator[tuple[list[bytes], list[bool], int, int]]:
+        """Yield the whole rows of some text: their cells, which were quoted, where the row ends, and its first line."""
         row: list[bytes] = []
         marks: list[bool] = []
         start = at = 0
-        seen_header = not is_header
-        match = self._cell.match
         while at < len(data):
-            found = match(data, at)
+            found = self._cell.match(data, at)
             assert found is not None  # the pattern matches nothing, too
             inside, behind, plain, end = found.groups()
-            is_open = data[at : at + 1] == b'"' and inside is None
-            if (not end or (end == b"\r" and found.end() == len(data)) or is_open) and not is_last:
-                break
+            is_open = inside is None and data[at : at + 1] == b'"'
+            is_cut = not end or is_open or (end == b"\r" and found.end() == len(data))
+            if is_cut and not is_last:
+                return
             if is_open:
                 raise ForeignFileError(self.path, "a quote that begins in this row does not end", line)
             row.append(plain if inside is None else inside.replace(b'""', b'"') + behind)
             marks.append(inside is not None)
             at = found.end()
-            if end == self._cut and at < len(data):
+            if end == self._cut and (at < len(data) or not is_last):
                 continue
-            if end == self._cut:
+            if end == self._cut:  # the file ends with an empty cell
                 row.append(b"")
                 marks.append(False)
-                if not is_last:
-                    break
-            if seen_header:
-                self._put(row, marks, line, cells, quoted, lines)
-            seen_header = seen_header or any(one.strip() for one in row)
+            yield row, marks, at, line
             line += _breaks(data, start, at)
             start, row, marks = at, [], []
-        if is_header and not seen_header:
-            return None, data[start:], line
-        if not b"".join(cells).isascii():
-            for at_cell, cell in enumerate(cells):
-                self._check_text(cell, lines[at_cell // self.columns])
-        flags = np.array(quoted, np.bool_)
-        array = pa.array(cells, pa.binary()).cast(pa.string())
-        return Rows(len(lines), array, flags if flags.any() else None, np.array(lines), read), data[start:], line
 
-    def _put(
-        self, row: list[bytes], marks: list[bool], line: int, cells: list[bytes], quoted: list[bool], lines: list[int]
-    ) -> None:
-        """Add a row, if there is something in it."""
-        if not any(one.strip() for one in row) and not any(marks):
-            return
-        if len(row) > self.columns and not any(row[self.columns :]):
-            del row[self.columns :], marks[self.columns :]
-        if len(row) > self.columns:
-            what = f"the row has {len(row)} cells, but the header {self.columns}"
+    def _check_count(self, row: list[bytes], line: int) -> None:
+        """Raise ForeignFileError if a row has too many cells, or too few."""
+        what = f"the row has {len(row)} cells, but the header {self.columns}"
+        if any(row[self.columns :]):
             raise ForeignFileError(self.path, what, line, self.columns + 1)
-        missing = self.columns - len(row)
-        if missing and not self.allow_short:
+        if len(row) < self.columns and not self.allow_short:
             hint = "; pass on_bad='missing' to convert() to take those that are there"
-            raise ForeignFileError(
-                self.path, f"the row has {len(row)} cells, but the header {self.columns}{hint}", line
-            )
-        cells += row + [b""] * missing
-        quoted += marks + [False] * missing
-        lines.append(line)
+            raise ForeignFileError(self.path, what + hint, line)
 
     def _check_text(self, data: bytes, line: int) -> None:
         if data.isascii():

@@ -267,19 +267,26 @@ def test_files_of_other_writers_are_read_as_they_were_written(tmp_path: Path, wr
     assert found == [{key: row[key] for key in ("x", "n", "s", "ok", "_ts")} for row in expected]
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
-    cells=st.lists(st.lists(st.text('ab",;\r\n 1.-', max_size=5), min_size=2, max_size=2), min_size=1, max_size=6),
+    cells=st.lists(st.lists(st.text('ab",;\r\n\té 1.-', max_size=5), min_size=2, max_size=2), min_size=1, max_size=6),
     separator=st.sampled_from(",;\t"),
+    end=st.sampled_from(["\n", "\r\n", "\r"]),
+    has_end=st.booleans(),
+    size=st.sampled_from([1, 2, 5, 17, 1000]),
 )
-def test_any_cells_are_those_that_pythons_csv_says(cells: list[list[str]], separator: str) -> None:
+def test_any_cells_are_those_that_pythons_csv_says(
+    cells: list[list[str]], separator: str, end: str, has_end: bool, size: int
+) -> None:
     out = io.StringIO(newline="")
     table = [["time", "a", "b"], *([f"{at}.5", *row] for at, row in enumerate(cells))]
-    csv.writer(out, delimiter=separator, quoting=csv.QUOTE_MINIMAL).writerows(table)
-    with tempfile.TemporaryDirectory() as folder:
-        path = written(Path(folder), out.getvalue())
-        tokens = csv_tokens.Tokens(path, separator, 3)
-        found = [part.cells.to_pylist() for part in tokens.read()]
+    how = csv.QUOTE_MINIMAL if end == "\r\n" else csv.QUOTE_ALL  # Python quotes the letters of its line end only
+    csv.writer(out, delimiter=separator, quoting=how, lineterminator=end).writerows(table)
+    text = out.getvalue() if has_end else out.getvalue().removesuffix(end)
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(csv_tokens, "_CHUNK_BYTES", size)
+        path = written(Path(folder), text)
+        found = [part.cells.to_pylist() for part in csv_tokens.Tokens(path, separator, 3).read()]
     flat = [cell for part in found for cell in part]
     assert [flat[at : at + 3] for at in range(0, len(flat), 3)] == table[1:]
 
