@@ -6,6 +6,7 @@ import errno
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from .errors import MissingRecordingError, RecorderError
@@ -15,6 +16,9 @@ from .read.runs import status_of
 from .recording import Recording
 from .run_folders import holds_run, runs_below
 from .write.lock import SessionLock
+
+_BAG_FILE = "metadata.yaml"
+"""Says that a folder is a rosbag2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +77,14 @@ def is_recording(path: str | Path) -> bool:
     return path.is_file() or (path.is_dir() and holds_run(os.listdir(path)))
 
 
+def is_one_recording(path: str | Path) -> bool:
+    """Whether a path is a file, a ROS bag, or a folder with MCAP files in it and in none of the folders below."""
+    folder = place(path, "path")
+    if folder.is_file() or (folder / _BAG_FILE).is_file():
+        return True
+    return is_recording(folder) and list(islice(runs_below(folder), 2)) == [folder]
+
+
 def _look_at(folder: Path) -> CatalogEntry:
     try:
         with Recording(folder, on_damage="skip") as recording:
@@ -80,7 +92,7 @@ def _look_at(folder: Path) -> CatalogEntry:
             problem = next((f"{loss.path.name}: {loss.what}" for loss in recording.losses), None)
             return CatalogEntry(
                 folder,
-                "damaged" if problem else _status(folder, recording),
+                "damaged" if problem else run_status(recording),
                 recording.start,
                 recording.end,
                 len(recording.topics),
@@ -94,7 +106,9 @@ def _look_at(folder: Path) -> CatalogEntry:
         return CatalogEntry(folder, "damaged", problem=str(error))
 
 
-def _status(folder: Path, recording: Recording) -> str:
+def run_status(recording: Recording) -> str:
+    """Return how a recording's run stands, or where there was none, its files: see `CatalogEntry.status`."""
+    folder = recording.path if recording.path.is_dir() else recording.path.parent
     return status_of(recording.run.get("status"), is_recorded=_is_recorded(folder), is_finished=recording.finished)
 
 

@@ -159,7 +159,7 @@ class Recording(Mapping[str, TopicReader]):
     @property
     def topics(self) -> Mapping[str, TopicInfo]:
         """Topic names, sorted, to what is known about them; each is looked up when it is asked for."""
-        return Lookup("topic", self._topic_names(), self._info)
+        return Lookup("topic", self._topic_names(), self._info, str(self.path))
 
     def __getitem__(self, topic: str) -> TopicReader:
         """Return the reader of a topic.
@@ -168,7 +168,7 @@ class Recording(Mapping[str, TopicReader]):
             NotFoundError: There is no such topic; the message names similar ones. Also a KeyError.
         """
         if topic not in self:
-            raise not_found("topic", topic, self._topic_names())
+            raise not_found("topic", topic, self._topic_names(), str(self.path))
         return TopicReader(_View(self._opened, self._info), topic)
 
     def __iter__(self) -> Iterator[str]:
@@ -309,7 +309,7 @@ class Recording(Mapping[str, TopicReader]):
             >>> [(gap.start, gap.missing) for gap in rec.gaps("robot")]
         """
         if topic not in self:
-            raise not_found("topic", topic, self._topic_names())
+            raise not_found("topic", topic, self._topic_names(), str(self.path))
         return gaps.find(self._opened(), topic, longer_than_s)
 
     def check(self, topics: Iterable[str] | None = None) -> Report:
@@ -402,7 +402,9 @@ class Recording(Mapping[str, TopicReader]):
         """Metric names, sorted, to their rows; each is read when it is asked for."""
         topics = [name for name in self._channel_names() if name.startswith(METRIC_TOPICS)]
         names = sorted(name.removeprefix(METRIC_TOPICS) for name in topics)
-        return Lookup("metric", names, lambda name: list(rows.read(self._opened(), METRIC_TOPICS + name)))
+        return Lookup(
+            "metric", names, lambda name: list(rows.read(self._opened(), METRIC_TOPICS + name)), str(self.path)
+        )
 
     @property
     def files(self) -> list[Row]:
@@ -542,7 +544,7 @@ class Recording(Mapping[str, TopicReader]):
         names = list(dict.fromkeys(topics))
         for name in names:
             if name not in self:
-                raise not_found("topic", name, self._topic_names())
+                raise not_found("topic", name, self._topic_names(), str(self.path))
         return names
 
     def _info(self, topic: str) -> TopicInfo:

@@ -362,7 +362,7 @@ class TopicReader:
         names = check_columns(columns)
         for name in names or ():
             if not self._has(name):
-                raise not_found("column", name, self.info.fields)
+                raise not_found("column", name, self.info.fields, f"topic {self.name!r}")
         first = check_index("start_index", start_index)
         most = None if limit is None else check_index("limit", limit)
         return Selection(self._source.files(), self.name, low, high, names, first, most)

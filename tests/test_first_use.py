@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 
 import ml_dash_mcap
 from ml_dash_mcap import Experiment, Recorder, Recording, Session, convert, errors, recordings, recover
+from ml_dash_mcap.cli import main
 
 
 @pytest.fixture
@@ -106,6 +108,58 @@ def test_one_row_in_place_of_a_list_is_refused_with_what_to_write(home: Path) ->
 def test_a_time_that_is_none_is_called_as_its_argument_is(home: Path) -> None:
     with Recording(RUN) as rec:
         assert message(ValueError, lambda: rec["robot"].at("x")) == "time='x' is not a number of seconds"  # type: ignore[arg-type]
+
+
+def test_a_name_that_is_not_there_is_refused_with_where_it_was_sought(home: Path) -> None:
+    with Recording(RUN) as rec:
+        calls: list[Callable[[], object]] = [
+            lambda: rec["robt"],
+            lambda: rec.topics["robt"],
+            lambda: rec.gaps("robt"),
+            lambda: rec.check(["robt"]),
+            lambda: rec.export("x.csv", topics=["robt"]),
+        ]
+        for call in calls:
+            assert message(KeyError, call).endswith(f"did you mean 'robot'? ({RUN})")
+        assert message(KeyError, lambda: rec["robot"].to_arrow(columns=["qq"])).endswith("(topic 'robot')")
+
+
+@pytest.mark.parametrize("name", ["pandas", "polars"])
+def test_a_package_that_is_not_installed_is_answered_with_how_to_install_it(
+    home: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, name, None)  # what makes an import fail
+    with Recording(RUN) as rec, pytest.raises(ModuleNotFoundError, match=f"pip install {name}") as caught:
+        getattr(rec["robot"], f"to_{name}")()
+    assert caught.value.name == name
+
+
+def test_ls_lists_what_lies_below_a_folder_with_a_file_in_it(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Recording(RUN) as rec:
+        (home / "window.mcap").write_bytes(rec["robot"].read(format="mcap"))
+        bag = rec.export("bag", format="rosbag2", storage="sqlite3")
+    assert main(["ls"]) == 0
+    said = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert [line[:2] for line in said[1:]] == [
+        [".", "finished"],
+        [RUN, "completed"],
+        [".dreamlake/robotics/demo", "completed"],
+    ]
+    for path in (RUN, "window.mcap", str(bag)):
+        assert main(["ls", path]) == 0
+        assert capsys.readouterr().out.splitlines()[1].split()[:2] == ["robot", "10"]
+
+
+def test_info_says_that_a_run_died_which_nobody_ended(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    exp = Experiment("alice/franka/demo", root=tmp_path)
+    exp.run.start().tracks("robot").append(q=1.0, _ts=0.0)
+    exp.flush()
+    assert main(["info", str(exp.path)]) == 0
+    assert "status: recording" in capsys.readouterr().out
+    assert exp.run.live is not None
+    exp.run.live.recorder.close()  # what the end of the process does
+    assert main(["info", str(exp.path)]) == 0
+    assert "status: died" in capsys.readouterr().out
 
 
 def test_every_error_and_warning_can_be_imported_from_the_package() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from ..catalog import run_status
 from ..read.runs import RunInfo
 from ..read.topics import TopicInfo
 from ..recording import Recording
@@ -86,7 +87,7 @@ def _print(recording: Recording, infos: list[TopicInfo], *, with_bytes: bool) ->
             f"{times.show(recording.start)} to {times.show(recording.end)}, {times.show_duration(recording.duration)}"
         )
     if "status" in recording.run:
-        print(f"status: {recording.run['status']}")
+        print(f"status: {run_status(recording)}")
     for name, value in recording.params.items():
         print(f"{name} = {value}")
     print()

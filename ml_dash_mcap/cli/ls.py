@@ -26,7 +26,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print them; returns the exit code."""
-    if catalog.is_recording(arguments.path):
+    if catalog.is_one_recording(arguments.path):
         return _topics(arguments)
     entries = list(catalog.recordings(arguments.path))
     if arguments.json:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -51,8 +52,7 @@ def to_pandas(table: pa.Table) -> pd.DataFrame:
     Integers and booleans among which some are missing have pandas' nullable types (`Int64`, `UInt64`, `boolean`);
     lists of such are arrays of objects. Columns of JSON text are the values that it says.
     """
-    import pandas
-
+    pandas = _module("pandas")
     nullable = {pa.int64(): pandas.Int64Dtype(), pa.uint64(): pandas.UInt64Dtype(), pa.bool_(): pandas.BooleanDtype()}
     odd: dict[str, Any] = {}
     gappy: list[str] = []
@@ -75,10 +75,8 @@ def to_pandas(table: pa.Table) -> pd.DataFrame:
 
 def to_polars(table: pa.Table) -> pl.DataFrame:
     """Return a table as a polars frame."""
-    import polars
-
-    frame = polars.from_arrow(table)
-    assert isinstance(frame, polars.DataFrame)
+    polars = _module("polars")
+    frame: pl.DataFrame = polars.from_arrow(table)
     return frame
 
 
@@ -108,3 +106,19 @@ def _cells(column: pa.ChunkedArray) -> list[Any]:
 
 def _holds_dicts(values: list[Any]) -> bool:
     return any(isinstance(one, (dict, list)) for one in values)
+
+
+def _module(name: str) -> Any:
+    """Import a package that is no dependency of ours.
+
+    Raises:
+        ModuleNotFoundError: It is not installed; the message says how to install it.
+    """
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name != name:
+            raise
+        raise ModuleNotFoundError(
+            f"to_{name}() needs {name}, which is not installed: pip install {name}", name=name
+        ) from error
