@@ -163,4 +163,4 @@ class ConversionWarning(UserWarning):
 
 
 class UndecodedWarning(UserWarning):
-    """Messages in an encoding that this library does not decode: their rows have the bytes."""
+    """Messages that this library does not decode: their rows have the bytes. Or texts in them that are no UTF-8."""

@@ -30,6 +30,8 @@ RAW_FIELD = "data"
 DIGEST_KEYS = {True: "md5sum", False: "topic_type_hash"}
 """What a channel's metadata calls the hash of its type, in ROS 1 and in ROS 2."""
 
+_ROS = ("ros1", "cdr")
+
 _NO_SCHEMA = Schema(0, "", "", b"")
 
 
@@ -44,6 +46,13 @@ class _Case:
 
     def warn(self, category: type[Warning], what: str) -> None:
         warnings.warn(f"topic {self.channel.topic!r}{what}", category, stacklevel=2)
+
+    @property
+    def hint(self) -> str:
+        """What to pass so that the messages are decoded; empty where there is nothing."""
+        if self.channel.message_encoding not in _ROS:
+            return ""
+        return f"; pass definitions={{{self.schema.name!r}: <its .msg text>}} to decode it"
 
     def give_up(self, why: str, hint: str = "") -> Decoder:
         """Return what stands for a decoder where there is none, and tell the user.
@@ -68,7 +77,7 @@ class _Case:
             if not odd:
                 encoding = self.channel.message_encoding
                 what = f" has a message of {len(payload)} bytes that is no {self.schema.name} in {encoding}: {why}"
-                odd.append(self.give_up(f"{what}; such a message is not decoded"))
+                odd.append(self.give_up(f"{what}; such a message is not decoded", self.hint))
             return odd[0](payload)
 
         return take
@@ -102,10 +111,10 @@ def decoder(
         found = make(case) if make is not None else None
     except EncodingError as error:
         name = case.schema.name
-        hint = f"; pass definitions={{{name!r}: <its .msg text>}} to decode it" if make in _ROS else ""
-        if not case.schema.encoding:
-            return case.give_up(f"{described}, of the type {name!r}: {error}", hint)
-        return case.give_up(f": its schema {name!r} is no {case.schema.encoding} that can be used: {error}", hint)
+        what = f": its schema {name!r} is no {case.schema.encoding} that can be used"
+        return case.give_up(
+            f"{what if case.schema.encoding else f'{described}, of the type {name!r}'}: {error}", case.hint
+        )
     return found or case.give_up(f"{described}, which is not decoded")
 
 
@@ -238,8 +247,6 @@ class _Once:
             self._is_done = True
             self._do()
 
-
-_ROS = (_ros1_decoder, _cdr_decoder)
 
 DECODERS: Mapping[str, Callable[[_Case], Decoder | None]] = {
     "json": _json_decoder,

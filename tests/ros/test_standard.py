@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+import tempfile
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import ConversionError, ConversionWarning
 from ml_dash_mcap.ros import units
@@ -449,6 +453,35 @@ def test_joints_that_change_far_on_are_written_as_they_are(tmp_path: Path) -> No
     rows: list[Row] = [{"name": ["a", "b", "c"][:count], "q": [1.0] * count} for count in [2] * 9000 + [3]]
     found = joints(messages(tmp_path, rows))
     assert found[0] == (["a", "b"], [1.0, 1.0]) and found[9000] == (["a", "b", "c"], [1.0] * 3)
+
+
+NAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=4)
+
+
+@st.composite
+def joint_rows(draw: st.DrawFn) -> Row:
+    """A row whose joints are its own: some numbers, none or as many velocities, and names, unless it has none."""
+    count = draw(st.integers(0, 4))
+    numbers = st.lists(st.floats(-9, 9), min_size=count, max_size=count)
+    names = draw(st.lists(NAMES, min_size=count, max_size=count))
+    row: Row = {"position": draw(numbers), "velocity": draw(st.sampled_from([[], draw(numbers)]))}
+    return {"name": names, **row}
+
+
+@settings(max_examples=15, deadline=None)
+@given(rows=st.lists(joint_rows(), min_size=1, max_size=6), format=st.sampled_from(["rosbag2", "rosbag1"]))
+def test_whatever_joints_rows_have_their_messages_have_the_same(rows: list[Row], format: str) -> None:
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConversionWarning)  # of rows that have no joints at all
+        record(Path(folder) / "run", {"t": [{"_ts": 1.0 + number, **row} for number, row in enumerate(rows)]})
+        dest = Path(folder) / ("out.bag" if format == "rosbag1" else "bag")
+        found = [
+            one for one in with_rosbags(export(Path(folder) / "run", dest, format)) if one.topic == "/t/joint_states"
+        ]
+    if any(row["position"] for row in rows):
+        assert [(one.message.name, one.message.position.tolist(), one.message.velocity.tolist()) for one in found] == [
+            (row["name"], row["position"], row["velocity"]) for row in rows
+        ]
 
 
 # -- what a row says of what has a default ----------------------------------------------------------------------------
