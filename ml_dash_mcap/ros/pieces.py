@@ -65,6 +65,13 @@ def nothings(
     return elements(read, data, at, count)
 
 
+def divided(values: list[Any], lengths: tuple[int, ...]) -> list[Any]:
+    """Return values as lists of lists, the innermost with so many as the last of `lengths`."""
+    for length in reversed(lengths):
+        values = [values[at : at + length] for at in range(0, len(values), length)] if length else []
+    return values
+
+
 def wrong_size(at: int, end: int) -> None:
     """Raise an error for a value that does not end where it said."""
     raise ValueError(f"a value ends at byte {at}, and it says that it ends at byte {end}")
@@ -113,6 +120,7 @@ MOST_NOTHINGS = 256
 """How many values that take no bytes a list may have."""
 
 _SHARED = {
+    "divided": divided,
     "octets": octets,
     "elements": elements,
     "nothings": nothings,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from struct import Struct
 from typing import Any
@@ -197,6 +198,8 @@ class _Body:
         compiler, of, length = self._compiler, type_.of, type_.length
         if isinstance(of, Basic) and of.name != STRING and not (of.is_enum and compiler.wire.is_version_2):
             return self._list_of_numbers(of.name) if length is None else self._numbers(of.name, length)
+        if compiler.wire.is_version_2 and _is_array(type_) and _is_array(of) and not _is_matrix(type_):
+            return self._dimensions(type_)
         end = self._sized() if compiler.wire.is_version_2 and not _is_matrix(type_) else ""
         if length is None:
             count = self._counted()
@@ -215,6 +218,18 @@ class _Body:
         self._forget(1)
         if end:
             self._finish(end)
+        return value
+
+    def _dimensions(self, type_: Array) -> str:
+        """Read arrays in an array, which XCDR2 takes for one, but for numbers."""
+        lengths: list[int] = []
+        of: Type = type_
+        while isinstance(of, Array) and of.length is not None:
+            lengths.append(of.length)
+            of = of.of
+        flat = self._array(Array(of, math.prod(lengths)))
+        value = self._variable()
+        self._line(f"{value} = divided({flat}, {tuple(lengths[1:])!r})")
         return value
 
     def _optional(self, of: Type) -> str:
@@ -318,6 +333,10 @@ class _Body:
     def _forget(self, modulus: int) -> None:
         """Note that nothing is known of the place but that it is a multiple of `modulus`."""
         self._modulus, self._rest = modulus, 0
+
+
+def _is_array(type_: Type) -> bool:
+    return isinstance(type_, Array) and type_.length is not None
 
 
 def _is_matrix(type_: Array) -> bool:

@@ -117,3 +117,29 @@ def test_a_member_that_may_be_absent_is_not_decoded_in_the_first_version_of_cdr(
         decode(head(1, 4, 5, layout="<ii"))
     broken = "struct A { long x; }; struct B { wstring w; map<string, long> m; };"
     assert decoder("A", "omgidl", broken)(head(1, 4, layout="<i")) == {"x": 4}, "types that are not used cost nothing"
+
+
+@pytest.mark.parametrize("number", [6, 7, 8, 9])
+def test_lengths_that_lie_take_no_memory(number: int) -> None:
+    lines = (
+        "double x",
+        "sequence<octet> x",
+        "sequence<string> x",
+        "string x",
+        "sequence<B> x",
+        "B x[1000][1000][1000]",
+    )
+    for line in lines:
+        text = f"struct B {{ string s; @optional long y; }}; struct A {{ {line}; }};"
+        decode = decoder("A", "omgidl", text)
+        for payload in (
+            b"\xff" * 4,
+            b"\xff" * 64,
+            b"\0" * 4,
+            struct.pack("<II", 4, 2**31),
+            struct.pack(">II", 4, 2**31),
+        ):
+            try:
+                decode(bytes([0, number, 0, 0]) + payload)
+            except ValueError as error:
+                assert "\n" not in str(error)

@@ -117,8 +117,14 @@ def _kinds(draw: st.DrawFn, version_2: bool, depth: int) -> tuple[Kind, list[str
     else:
         python, idl, values = BASIC[draw(st.sampled_from(sorted(BASIC)))]
         kind = Kind(python, idl, values.map(lambda one: (one, one)))
-    shape = draw(st.integers(0, 5))
-    if shape == 0:
+    shape = draw(st.integers(0, 8))
+    if shape == 6:
+        row = Kind(types.array[kind.python, 2], kind.idl, _lists(kind, 2, 2), "[2]")
+        kind = Kind(types.array[row.python, 3], kind.idl, _lists(row, 3, 3), "[3][2]")
+    elif shape == 7:
+        row = Kind(types.sequence[kind.python], f"sequence<{kind.idl}>", _lists(kind, 0, 2))
+        kind = Kind(types.sequence[row.python], f"sequence<{row.idl}>", _lists(row, 0, 2))
+    elif shape == 0:
         kind = Kind(types.sequence[kind.python], f"sequence<{kind.idl}>", _lists(kind, 0, 3))
     elif shape == 1:
         kind = Kind(types.array[kind.python, 2], kind.idl, _lists(kind, 2, 2), "[2]")
@@ -129,7 +135,7 @@ def _kinds(draw: st.DrawFn, version_2: bool, depth: int) -> tuple[Kind, list[str
 
 
 def _lists(kind: Kind, least: int, most: int) -> st.SearchStrategy[tuple[Any, Any]]:
-    is_bytes = kind.idl == "octet"
+    is_bytes = kind.idl == "octet" and not kind.declarator
     pairs = st.lists(kind.values, min_size=least, max_size=most)
     return pairs.map(lambda some: ([one for one, _ in some], (bytes if is_bytes else list)(row for _, row in some)))
 
