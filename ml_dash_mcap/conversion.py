@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import errno
 import inspect
-from collections.abc import Mapping
-from contextlib import nullcontext
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from . import ingest
-from .errors import MissingRecordingError, UsageError
+from .errors import ConversionWarning, MissingRecordingError, UsageError
 from .export import SUFFIXES, format_of, options_of
 from .export.destination import fresh_folder, refuse_existing, replacing
 from .export.replacing import RECORDING, check_overwrite, keeper
@@ -40,8 +41,8 @@ def convert(
         overwrite: Whether to replace a file, or a folder of the same kind, that is at `dest` already. It stays until
             the new one is whole.
         progress: Called now and then with the rows done and the rows in all.
-        options: Of the format that is read, and of the one that is written. From one foreign format to another, those
-            that writing has go to it, and the others to reading.
+        options: Of what is read (a format's, or those of `Recording`, such as `on_damage`), and of the format that is
+            written. Those that both have go to writing.
 
     Returns:
         `dest`.
@@ -71,20 +72,40 @@ def convert(
             refuse_existing(target)
     reads = _options_of_reading(source, chosen, options)
     writes = {name: value for name, value in options.items() if name not in reads}
-    with ingest.as_folder(source, **reads) if reads else nullcontext(source) as opened, Recording(opened) as recording:
-        return recording.export(target, format=chosen, overwrite=overwrite, progress=progress, **writes)
+    with _opened(source, reads) as recording:
+        exported = recording.export(target, format=chosen, overwrite=overwrite, progress=progress, **writes)
+        for loss in recording.losses:
+            warnings.warn(
+                f"{loss.path}, byte {loss.offset}: {loss.what}; it is left out", ConversionWarning, stacklevel=2
+            )
+    return exported
+
+
+@contextmanager
+def _opened(source: Path, reads: Mapping[str, Any]) -> Iterator[Recording]:
+    """Give what is at a path as a recording, read with options of its format, if there are any."""
+    if not reads or ingest.detect(source) is None:
+        with Recording(source, **reads) as recording:
+            yield recording
+        return
+    with ingest.as_folder(source, **reads) as folder, Recording(folder) as recording:
+        yield recording
+
+
+_OF_RECORDINGS = [name for name, one in inspect.signature(Recording).parameters.items() if one.kind is one.KEYWORD_ONLY]
+"""What a recording can be opened with, such as `on_damage`."""
 
 
 def _options_of_reading(src: str | Path, format: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options that only reading a foreign file has.
+    """Return the options that only reading what is there has: those of its format, or those of a `Recording`.
 
     Raises:
         UsageError: One is neither of reading nor of writing.
     """
     writing = {*inspect.signature(Recording.export).parameters, *options_of(format)}
     rest = {name: value for name, value in options.items() if name not in writing}
-    reading = ingest.options_of(src) if rest else []
-    for name in rest if reading else ():
+    reading = (ingest.options_of(src) or _OF_RECORDINGS) if rest else []
+    for name in rest:
         if name not in reading:
             known = [*reading, *options_of(format)]
             what = f"they have {', '.join(known)}. {did_you_mean(name, known, spelling='{}=')}".rstrip(" .")
