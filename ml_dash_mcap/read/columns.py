@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -17,7 +16,7 @@ from ..layout import KIND_KEY, TRACK
 from ..rows import same_bytes
 from ..rows.columns import FIELD_PREFIX, flatten, project
 from ..rows.encode import EXACT_KEY, TIME_KEY
-from ..rows.lines import LineReader, are_shallow
+from ..rows.lines import LineReader, joined
 from ..rows.table import Block, Column, block_of, join
 from . import ahead, messages, ordering, rows
 from .decode import Decoder, Row
@@ -154,16 +153,17 @@ class _Reading:
         if pieces[0].origin.channel.message_encoding != "json":
             return [self._decoded(pieces)]
         payloads = [payload for piece in pieces for payload in piece.payloads]
-        if not are_shallow(payloads):
+        lines = joined(payloads)
+        if lines is None:
             return [self._decoded(pieces)]
-        lines = b"\n".join(payloads)
         reader = self._readers.get(key)
         if reader is None:
             reader = self._readers[key] = LineReader(self._columns)
-        flat = reader.read(lines, len(payloads))
-        if flat is not None and EXACT_KEY in flat:
-            return self._mixed(reader, pieces, payloads, _lines_with_side_key(lines))
-        named = None if flat is None else self._named(pieces, flat)
+        flat = reader.read(lines)
+        if flat is None:
+            odd = _with_side_key(payloads, lines.text)
+            return self._mixed(reader, pieces, payloads, odd) if len(odd) else [self._decoded(pieces)]
+        named = self._named(pieces, flat)
         return [named or self._decoded(pieces)]
 
     def _mixed(
@@ -171,9 +171,9 @@ class _Reading:
     ) -> list[_Parsed]:
         """Take the rows with a side key through Python objects, and the others not."""
         even = np.setdiff1d(np.arange(len(payloads)), odd)
-        kept = [payloads[at] for at in even.tolist()]
-        flat = reader.read(b"\n".join(kept), len(kept)) if kept else None
-        named = None if flat is None or EXACT_KEY in flat else self._named(_picked(pieces, even), flat)
+        lines = joined([payloads[at] for at in even.tolist()])
+        flat = None if lines is None else reader.read(lines)
+        named = None if flat is None else self._named(_picked(pieces, even), flat)
         return [self._decoded(pieces)] if named is None else [named, self._decoded(_picked(pieces, odd))]
 
     def _named(self, pieces: list[_Piece], flat: dict[str, Any]) -> _Parsed | None:
@@ -287,12 +287,9 @@ def _merges(origin: Origin) -> bool:
     return origin.channel.metadata.get(KIND_KEY) == TRACK
 
 
-def _lines_with_side_key(lines: bytes) -> npt.NDArray[np.intp]:
-    """Return the numbers of the lines in which the side key's name stands somewhere."""
-    if _EXACT not in lines:
-        return np.empty(0, np.intp)
-    ends = np.flatnonzero(np.frombuffer(lines, np.uint8) == 10)
-    return np.unique(np.searchsorted(ends, [match.start() for match in re.finditer(_EXACT, lines)]))
+def _with_side_key(payloads: list[bytes], text: bytes) -> npt.NDArray[np.intp]:
+    """Return the numbers of the payloads in which the side key's name stands somewhere."""
+    return np.array([at for at, one in enumerate(payloads) if _EXACT in one] if _EXACT in text else [], np.intp)
 
 
 def _times(column: Any, times_ns: npt.NDArray[np.uint64]) -> npt.NDArray[np.float64]:

@@ -19,15 +19,14 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ..rows import same_bytes
-from ..rows.encode import EXACT_KEY, TIME_KEY
-from ..rows.lines import LineReader, are_shallow
+from ..rows.encode import TIME_KEY
+from ..rows.lines import LineReader, joined
 from ..rows.table import Block, Column
 from . import messages, ordering, rows
 from .decode import Decoder, Row
 from .file import File
 from .messages import Cut
 
-_EXACT = f'"{EXACT_KEY}"'.encode()
 _DOT = ord(".")
 
 
@@ -91,15 +90,15 @@ class _Reading:
 
     def _parse(self, cut: Cut) -> Block | None:
         payloads = cut.messages.payloads
-        lines = b"\n".join(payloads)
-        if _EXACT in lines or not are_shallow(payloads):
+        lines = joined(payloads)
+        if lines is None:
             return None
         key = rows.key_of(cut.origin)
         reader = self._readers.get(key)
         if reader is None:
             reader = self._readers[key] = LineReader()
-        flat = reader.read(lines, len(payloads))
-        if flat is None or not _says_all(lines, flat):
+        flat = reader.read(lines)
+        if flat is None or not _says_all(lines.text, flat):
             return None
         times = flat.get(TIME_KEY)
         if times is None or not pa.types.is_float64(times.type):

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from ml_dash_mcap.errors import NotFoundError, RangeError
 from ml_dash_mcap.rows.columns import flatten
-from ml_dash_mcap.rows.lines import LineReader
+from ml_dash_mcap.rows.lines import LineReader, joined
 from ml_dash_mcap.rows.table import ENCODING_KEY, from_rows, from_text
 
 SMALL = RecorderOptions(chunk_bytes=65536, backlog_bytes=262_144, sync_interval_s=0)
@@ -97,9 +97,13 @@ def test_columns_are_those_of_the_rows(
                 assert types(found) == types(expected) or not (is_plain and low is None)
 
 
+def read(reader: LineReader, *payloads: bytes) -> dict[str, pa.Array] | None:
+    lines = joined(payloads)
+    return None if lines is None else reader.read(lines)
+
+
 def test_plain_rows_need_no_python_objects() -> None:
-    reader = LineReader()
-    flat = reader.read(b'{"q":[1.5,2.0],"n":1,"s":"2024-01-02T03:04:05","d":{"x":true},"_ts":0.5}', 1)
+    flat = read(LineReader(), b'{"q":[1.5,2.0],"n":1,"s":"2024-01-02T03:04:05","d":{"x":true},"_ts":0.5}')
     assert flat is not None
     assert {name: array.to_pylist() for name, array in flat.items()} == {
         "q": [[1.5, 2.0]],
@@ -114,7 +118,6 @@ def test_plain_rows_need_no_python_objects() -> None:
     "lines",
     [
         b'{"a":9007199254740993}\n{"a":0.5}',
-        b'{"a":18446744073709551615}',
         b'{"a":{}}',
         b'{"a":1}\n\n',
         b'{"a":1}\n{"a":"x"}',
@@ -122,23 +125,21 @@ def test_plain_rows_need_no_python_objects() -> None:
         b'{"a":NaN}',
         b'{"a":1,"a":2}',
         b'{"a.b":1,"a":{"b":2}}',
-        b'{"a":[null,null]}',
-        b'{"a":[[],[null]]}',
     ],
 )
 def test_what_arrow_would_change_is_left_to_python(lines: bytes) -> None:
-    assert LineReader().read(lines, lines.count(b"\n") + 1) is None
+    assert read(LineReader(), *lines.split(b"\n")) is None
 
 
 def test_a_projection_notices_when_a_column_changes_its_type() -> None:
     reader = LineReader(["a"])
-    first = reader.read(b'{"a":1,"b":[1],"_ts":0.0}', 1)
+    first = read(reader, b'{"a":1,"b":[1],"_ts":0.0}')
     assert first is not None and first["a"].type == pa.int64()
-    second = reader.read(b'{"a":2,"b":[1],"_ts":0.0}', 1)
+    second = read(reader, b'{"a":2,"b":[1],"_ts":0.0}')
     assert second is not None and set(second) == {"a", "_ts"}
-    third = reader.read(b'{"a":0.5,"b":[1],"_ts":0.0}', 1)
+    third = read(reader, b'{"a":0.5,"b":[1],"_ts":0.0}')
     assert third is not None and third["a"].to_pylist() == [0.5]
-    fourth = reader.read(b'{"a":9007199254740993,"b":[1],"_ts":0.0}', 1)
+    fourth = read(reader, b'{"a":9007199254740993,"b":[1],"_ts":0.0}')
     assert fourth is not None and fourth["a"].to_pylist() == [9007199254740993]
 
 
@@ -154,17 +155,17 @@ def test_a_projection_notices_when_a_column_changes_its_type() -> None:
 )
 def test_a_projection_takes_no_text_or_inner_key_for_the_column(second: bytes) -> None:
     reader = LineReader(["a"])
-    assert reader.read(b'{"a":1,"b":"x","_ts":0.0}', 1) is not None
-    flat = reader.read(b'{"a":1,"b":"x","_ts":0.0}\n' + second, 2)
+    assert read(reader, b'{"a":1,"b":"x","_ts":0.0}') is not None
+    flat = read(reader, b'{"a":1,"b":"x","_ts":0.0}', second)
     assert flat is not None and flat["a"].to_pylist() == [1, 2] and flat["_ts"].to_pylist() == [0.0, 1.0]
 
 
 def test_a_projection_sees_where_a_column_is_missing() -> None:
     reader = LineReader(["a"])
-    assert reader.read(b'{"a":1,"_ts":0.0}', 1) is not None
-    flat = reader.read(b'{"a":1,"_ts":0.0}\n{"b":2,"_ts":1.0}\n{"a":"x","_ts":2.0}', 3)
+    assert read(reader, b'{"a":1,"_ts":0.0}') is not None
+    flat = read(reader, b'{"a":1,"_ts":0.0}', b'{"b":2,"_ts":1.0}', b'{"a":"x","_ts":2.0}')
     assert flat is None
-    flat = reader.read(b'{"a":1,"_ts":0.0}\n{"b":2,"_ts":1.0}', 2)
+    flat = read(reader, b'{"a":1,"_ts":0.0}', b'{"b":2,"_ts":1.0}')
     assert flat is not None and flat["a"].to_pylist() == [1, None]
 
 
