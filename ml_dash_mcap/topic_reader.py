@@ -317,8 +317,8 @@ class TopicReader:
     ) -> Iterator[pa.Table]:
         """Yield Arrow tables of some rows each, for data larger than memory.
 
-        Each table has the columns that its rows have values of, in the types that hold these. The other arguments are
-        those of `rows`, the result is that of `to_arrow` in pieces.
+        Each table has the columns that its rows, or some next to them, have values of, in types that hold these. The
+        other arguments are those of `rows`, the result is that of `to_arrow` in pieces.
 
         Args:
             rows: How many rows a table has, but the last.

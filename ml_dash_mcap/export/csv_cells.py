@@ -20,6 +20,7 @@ import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from ..rows.encode import encodable
 from ..rows.table import Column, to_text, values_of
 
 _FORMULA = r"^'*[=+\-@\t\r]"
@@ -52,6 +53,7 @@ def of(column: Column) -> pa.Array:
 
 def text(value: str) -> str:
     """Return the cell of a text."""
+    value = encodable(value)
     return _quoted(f"'{value}" if re.search(_FORMULA, value) else value)
 
 

@@ -10,7 +10,7 @@ import pyarrow as pa
 from ..read.topics import TopicInfo
 from ..rows import kinds, spread
 from ..rows.columns import free_names
-from ..rows.encode import TIME_KEY
+from ..rows.encode import TIME_KEY, encodable
 from ..rows.spread import Lengths
 from ..rows.table import Block, Column
 from . import csv_cells
@@ -73,7 +73,7 @@ def _expected(info: TopicInfo) -> Iterator[tuple[str, Lengths]]:
     """Yield the fields that the schema is sure of."""
     for name, said in info.fields.items():
         if said.type in _SPREAD and all(said.shape):
-            yield name, spread.limited(tuple(length or 0 for length in said.shape))
+            yield encodable(name), spread.limited(tuple(length or 0 for length in said.shape))
 
 
 def _is_wanted(name: str, columns: Sequence[str]) -> bool:

@@ -63,7 +63,7 @@ def _write(selection: Selection, path: Path, counter: Counter) -> int:
     done = 0
     with path.open("xb") as file:
         for row in selection.rows():
-            file.write(b'{"index":%d,"data":%s}\n' % (done, payload(row, selection.topic)))
+            file.write(b'{"index":%d,"data":%s}\n' % (done, payload(row)))
             done += 1
             if done % _COUNTED_ROWS == 0:
                 counter.add(_COUNTED_ROWS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..rows.encode import dumps, exact
+from ..rows.encode import dumps, exact_as_read
 from .json_rows import TIME_NAME
 from .selection import Row, Selection
 
@@ -22,10 +22,10 @@ def line(row: Row) -> bytes:
     """Encode one flat row."""
     try:
         encoded = dumps(row)
-    except TypeError:  # it has bytes
+    except TypeError:  # it has bytes, or lone surrogates
         return _exact_line(row)
     return _exact_line(row) if b"null" in encoded else encoded  # orjson writes NaN as null
 
 
 def _exact_line(row: Row) -> bytes:
-    return exact(row, "").removesuffix(_NO_TIME) + b"}"
+    return exact_as_read(row).removesuffix(_NO_TIME) + b"}"

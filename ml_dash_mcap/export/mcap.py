@@ -14,7 +14,7 @@ from ..read import counts, messages, records, rows, schemas
 from ..read.fields import Fields
 from ..read.file import File
 from ..read.records import Channel, Opcode
-from ..rows.encode import TIME_KEY, dumps, exact
+from ..rows.encode import TIME_KEY, dumps, exact_as_read
 from ..version import LIBRARY
 from .selection import Row, Selection
 
@@ -56,16 +56,16 @@ def _add_rows(writer: Writer, selection: Selection, found: list[tuple[File, Chan
     channel_id = writer.register_channel(selection.topic, "json", schema_id, said)
     for sequence, row in enumerate(selection.rows()):
         time_ns = min(clock.to_nanoseconds(row[TIME_KEY]), rows.LAST_NS)  # no double is as near to it as 2**64
-        writer.add_message(channel_id, time_ns, payload(row, selection.topic), time_ns, sequence)
+        writer.add_message(channel_id, time_ns, payload(row), time_ns, sequence)
 
 
-def payload(row: Row, topic: str) -> bytes:
+def payload(row: Row) -> bytes:
     """Encode a row as the recorder does, `_ts` last."""
     try:
         encoded = dumps(row)
-    except TypeError:  # it has bytes
-        return exact(row, topic)
-    return exact(row, topic) if b"null" in encoded else encoded  # orjson writes NaN as null
+    except TypeError:  # it has bytes, or lone surrogates
+        return exact_as_read(row)
+    return exact_as_read(row) if b"null" in encoded else encoded  # orjson writes NaN as null
 
 
 def _add_messages(writer: Writer, selection: Selection, found: list[tuple[File, Channel]]) -> None:

@@ -13,7 +13,7 @@ from .. import clock
 from ..read.topics import TopicInfo
 from ..rows import kinds
 from ..rows.columns import FIELD_PREFIX, flatten, free_names
-from ..rows.encode import TIME_KEY
+from ..rows.encode import TIME_KEY, encodable
 from ..rows.frames import nanoseconds
 from ..rows.kinds import Kind
 from ..rows.table import ENCODING_KEY, Block, Column
@@ -145,7 +145,7 @@ def _expected(info: TopicInfo) -> Iterator[tuple[str, Kind]]:
             continue
         for length in reversed(said.shape):
             type_ = pa.list_(type_, length)
-        yield name, Kind(type_)
+        yield encodable(name), Kind(type_)
 
 
 def _properties(schema: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -31,6 +32,9 @@ DIGEST_KEYS = {True: "md5sum", False: "topic_type_hash"}
 """What a channel's metadata calls the hash of its type, in ROS 1 and in ROS 2."""
 
 _ROS = ("ros1", "cdr")
+
+_MOST_DIGITS = 21
+"""Of an integer in 64 bits, and its sign."""
 
 _NO_SCHEMA = Schema(0, "", "", b"")
 
@@ -149,8 +153,14 @@ def decode_json(payload: bytes) -> Row:
 
 
 def _decode_lenient(payload: bytes) -> Any:
-    """Decode what other writers take for JSON: NaN and Infinity literals, or nothing at all."""
-    return json.loads(payload) if payload.strip() else {}
+    """Decode what other writers take for JSON: NaN and Infinity literals, lone surrogates, or nothing at all."""
+    return json.loads(payload, parse_int=_integer) if payload.strip() else {}
+
+
+def _integer(digits: str) -> int | float:
+    """Return what orjson makes of an integer: a double, where it needs more than 64 bits."""
+    value = int(digits) if len(digits) <= _MOST_DIGITS else math.inf
+    return value if -(2**63) <= value < 2**64 else float(digits)
 
 
 def _protobuf_decoder(case: _Case) -> Decoder | None:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import chain
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import orjson
 
-from ..rows.encode import EXACT_KEY, TIME_KEY, exact
+from ..rows.encode import EXACT_KEY, TIME_KEY, dumps_any, exact_as_read, has_lone_surrogates, loads_any
 from .columns import Column, Ragged, texts
 from .forms import SAFE_INTEGER
 from .lossless import INTEGER, MISSING, NONE, PRESENT, ROW_KEY, STATE, Field, Message
@@ -89,8 +89,8 @@ def column(one: Field, values: list[Any], states: npt.NDArray[np.uint8]) -> dict
             return {one.name: _numbers(one.kind, values, allows_integers=True)}
         return {one.name: _flat(one, values)}
     if one.shape is not None:
-        flat = _flatten(values, one.shape)
-        return _with_integers(one, flat, lambda column: column.reshape(len(values), -1))
+        flat, size = _flatten(values, one.shape), math.prod(one.shape)
+        return _with_integers(one, flat, lambda column: column.reshape(len(values), size))
     _check(values, list)
     lengths = np.fromiter(map(len, values), np.int64, len(values))
     return _with_integers(one, list(chain.from_iterable(values)), lambda col: Ragged.behind_each_other(col, lengths))
@@ -110,7 +110,7 @@ def _flat(one: Field, values: list[Any]) -> Column:
         return fill(one.message, values)
     if one.kind == "string":
         _check(values, str)
-        if any("\0" in value for value in values):
+        if any("\0" in value or has_lone_surrogates(value) for value in values):
             raise MisfitError
         return texts(values)
     if one.kind == "bytes":
@@ -161,7 +161,7 @@ def default(one: Field) -> Any:
 
 def _json(value: Any) -> str:
     """Say a value as JSON; one that JSON cannot say is wrapped as `{"_value": ..., "_exact": ...}`."""
-    row = orjson.loads(exact({VALUE_KEY: value}, ""))
+    row = loads_any(exact_as_read({VALUE_KEY: value}))
     row.pop(TIME_KEY, None)
     is_wrapped = EXACT_KEY in row or (isinstance(value, dict) and (VALUE_KEY in value or EXACT_KEY in value))
-    return orjson.dumps(row if is_wrapped else row[VALUE_KEY]).decode()
+    return dumps_any(row if is_wrapped else row[VALUE_KEY]).decode()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ..rows.encode import TIME_KEY
+from ..rows.encode import TIME_KEY, has_lone_surrogates
 
 Row = dict[str, Any]
 
@@ -21,7 +21,7 @@ class Form:
         "dicts",
         "fields",
         "first_text",
-        "has_nul",
+        "has_odd_text",
         "high",
         "items",
         "kinds",
@@ -38,7 +38,7 @@ class Form:
         self.low = 0
         self.high = 0
         """Bounds of the integers, with 0 among them."""
-        self.has_nul = False
+        self.has_odd_text = False
         """Whether a text has a NUL, which ROS has no place for."""
         self.first_text: str | None = None
         """The first one that was a text."""
@@ -73,7 +73,7 @@ class Form:
         if kind is int:
             self.bound(value, value)
         elif kind is str:
-            self.has_nul = self.has_nul or "\0" in value
+            self.has_odd_text = self.has_odd_text or "\0" in value or has_lone_surrogates(value)
             if self.first_text is None:
                 self.first_text = value
         elif kind is list:

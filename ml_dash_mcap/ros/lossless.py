@@ -124,7 +124,7 @@ def _field(form: Form, key: str, name: str, owner: str, taken: set[str], depth: 
     number = _number(form)
     if number is not None:
         return Field(key, name, number)
-    if kinds == {str} and not form.has_nul:
+    if kinds == {str} and not form.has_odd_text:
         return Field(key, name, "string", names_images=names_image(form.first_text or ""))
     if kinds == {bytes}:
         return Field(key, name, "bytes")
@@ -151,7 +151,7 @@ def _list(form: Form, key: str, name: str, owner: str, taken: set[str], depth: i
         integers = f"{name}_integers" if inner.kinds >= {int, float} else None
         return Field(key, name, number, shape, None, integers)
     if shape is None or len(shape) == 1:
-        if inner.kinds == {str} and not inner.has_nul:
+        if inner.kinds == {str} and not inner.has_odd_text:
             return Field(key, name, "string", None)
         if inner.kinds == {dict} and _fits(inner, depth):
             return Field(key, name, "message", None, _nested(inner, key, owner, taken, depth))

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import orjson
 
-from ..rows.encode import TIME_KEY, restore
+from ..rows.encode import TIME_KEY, loads_any, restore
 from .columns import Column, Ragged
 from .fill import VALUE_KEY
 from .lossless import INTEGER, NONE, PRESENT, ROW_KEY, STATE, Field, Message
@@ -120,7 +119,7 @@ def _blobs(kind: str, values: Ragged) -> list[Any]:
 
 
 def _from_json(text: bytes) -> Any:
-    value = orjson.loads(text)
+    value = loads_any(text)
     return restore(value)[VALUE_KEY] if isinstance(value, dict) and VALUE_KEY in value else value
 
 

@@ -11,6 +11,9 @@ import pyarrow.compute as pc
 
 from .table import ENCODING_KEY, Column, values_of
 
+_MOST_LISTS = 31
+"""Lists in lists that an array has room for, as dimensions behind the one of the rows: numpy 1 has 32."""
+
 
 def from_table(table: pa.Table) -> dict[str, npt.NDArray[Any]]:
     """Return the columns of a table by name.
@@ -51,7 +54,7 @@ def whole(column: pa.ChunkedArray) -> pa.Array:
 
 def _array(array: pa.Array) -> npt.NDArray[Any]:
     shape, leaf = shape_of(array)
-    if shape is not None:
+    if shape is not None and len(shape) <= _MOST_LISTS and not (0 in shape and array.null_count):
         flat = _numbers(leaf)
         if flat is not None:
             return _with_gaps(flat, array, shape)

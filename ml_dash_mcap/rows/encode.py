@@ -15,6 +15,7 @@ import base64
 import contextlib
 import datetime
 import enum
+import json
 import math
 import os
 import uuid
@@ -125,6 +126,46 @@ def exact(fields: Mapping[str, Any], topic: str) -> bytes:
         FieldError: A value has no JSON; the message names the topic and the field.
         IntegerRangeError: An integer needs more than 64 bits.
     """
+    row = _with_notes(fields, topic)
+    try:
+        return orjson.dumps(row)
+    except (TypeError, ValueError) as error:  # what is left: text with lone surrogates
+        raise FieldError(f"append() on topic {topic!r}: {_name_culprit(row)}{error}") from error
+
+
+def exact_as_read(fields: Mapping[str, Any]) -> bytes:
+    """Encode a row that was read, which may hold what `exact` refuses: text with lone surrogates."""
+    return dumps_any(_with_notes(fields, ""))
+
+
+def dumps_any(value: Any) -> bytes:
+    r"""Encode what JSON can say, lone surrogates in text, which others' JSON may hold, as `\ud800`."""
+    try:
+        return orjson.dumps(value)
+    except TypeError:
+        return json.dumps(value, separators=(",", ":")).encode()
+
+
+def loads_any(text: str | bytes) -> Any:
+    """Decode JSON, with lone surrogates or without."""
+    try:
+        return orjson.loads(text)
+    except orjson.JSONDecodeError:
+        return json.loads(text)
+
+
+def has_lone_surrogates(text: str) -> bool:
+    """Whether UTF-8 has no bytes for a text."""
+    return not text.isascii() and encodable(text) != text
+
+
+def encodable(text: str) -> str:
+    r"""Return a text for formats that are UTF-8, lone surrogates as `\ud800`."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def _with_notes(fields: Mapping[str, Any], topic: str) -> dict[str, Any]:
+    """Return a row with the side key before its time stamp, if it takes one."""
     notes: dict[str, dict[str, list[str | int]]] = {}
     row: dict[str, Any] = {}
     time = None
@@ -136,10 +177,7 @@ def exact(fields: Mapping[str, Any], topic: str) -> bytes:
     if notes:
         row[EXACT_KEY] = notes
     row[TIME_KEY] = time
-    try:
-        return orjson.dumps(row)
-    except (TypeError, ValueError) as error:  # what is left: text with lone surrogates
-        raise FieldError(f"append() on topic {topic!r}: {_name_culprit(row)}{error}") from error
+    return row
 
 
 def restore(row: dict[str, Any]) -> dict[str, Any]:

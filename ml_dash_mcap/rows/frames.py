@@ -11,6 +11,7 @@ import pyarrow as pa
 from .. import clock
 from ..errors import OptionError, UsageError
 from . import arrays, spread
+from .columns import free_names
 from .encode import TIME_KEY
 
 if TYPE_CHECKING:
@@ -74,9 +75,10 @@ def to_pandas(table: pa.Table) -> pd.DataFrame:
 
 
 def to_polars(table: pa.Table) -> pl.DataFrame:
-    """Return a table as a polars frame."""
+    r"""Return a table as a polars frame; a NUL in a column's name, at which polars would end it, is spelled `\0`."""
     polars = _module("polars")
-    frame: pl.DataFrame = polars.from_arrow(table)
+    names = free_names(name.replace("\0", "\\0") for name in table.column_names)
+    frame: pl.DataFrame = polars.from_arrow(table.rename_columns(names))
     return frame
 
 

@@ -12,43 +12,44 @@ from .table import tight
 _EXACT_INTEGERS = 2.0**53
 
 
-def flatten(table: pa.Table, *, are_whole: bool) -> dict[str, pa.Array] | None:
+def flatten(table: pa.Table, *, are_own: bool) -> dict[str, pa.Array] | None:
     """Return the columns of a table by dotted name, the keys of dicts as columns of their own; None if that loses one.
 
     Args:
         table: What was read in given types.
-        are_whole: Whether it is known that dicts in lists lack none of their keys, so that a null is a None.
+        are_own: Whether the types are those that `line_types` has learnt from the same lines: then no dict in a list
+            lacks a key, and no integer among doubles is one that a double rounds.
     """
     flat: dict[str, pa.Array] = {}
     for name, column in zip(table.column_names, table.columns, strict=True):
         array = column.combine_chunks()
         if isinstance(array, pa.ChunkedArray):  # pyarrow before 15, for one chunk
             array = array.chunk(0)
-        if not _put(flat, name, array, are_whole):
+        if not _put(flat, name, array, are_own):
             return None
     return flat
 
 
-def _put(flat: dict[str, pa.Array], name: str, array: pa.Array, are_whole: bool) -> bool:
+def _put(flat: dict[str, pa.Array], name: str, array: pa.Array, are_own: bool) -> bool:
     """Add a column, or those of a dict's keys; returns whether that lost nothing."""
     if pa.types.is_struct(array.type) and array.null_count < len(array):
         inner = zip([array.type.field(at).name for at in range(array.type.num_fields)], array.flatten(), strict=True)
-        return all(_put(flat, f"{name}.{key}", child, are_whole) for key, child in inner)
-    if name in flat or not _is_exact(array, are_whole):
+        return all(_put(flat, f"{name}.{key}", child, are_own) for key, child in inner)
+    if name in flat or not _is_exact(array, are_own):
         return False
     flat[name] = tight(_settled(array))
     return True
 
 
-def _is_exact(array: pa.Array, are_whole: bool) -> bool:
+def _is_exact(array: pa.Array, are_own: bool) -> bool:
     """Whether an array holds the values exactly in which `rows.table` would put them."""
     type_ = array.type
     if pa.types.is_floating(type_):
-        return _is_safe(array)
+        return are_own or _is_safe(array)
     if pa.types.is_list(type_):
-        return _is_exact(array.flatten(), are_whole)
+        return _is_exact(array.flatten(), are_own)
     if pa.types.is_struct(type_):  # in a list
-        return all((are_whole or not child.null_count) and _is_exact(child, are_whole) for child in array.flatten())
+        return all((are_own or not child.null_count) and _is_exact(child, are_own) for child in array.flatten())
     return True
 
 

@@ -173,7 +173,7 @@ class LineReader:
             if table.column(EXACT_KEY).null_count < table.num_rows:
                 return None
             table = table.drop_columns([EXACT_KEY])
-        return flatten(table, are_whole=are_own)
+        return flatten(table, are_own=are_own)
 
 
 def _decoded(payloads: Sequence[bytes]) -> list[dict[str, Any]] | None:

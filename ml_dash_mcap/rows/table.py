@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from . import same_bytes
-from .encode import EXACT_KEY, TIME_KEY, exact, restore
+from .encode import EXACT_KEY, TIME_KEY, dumps_any, encodable, exact_as_read, loads_any, restore
 
 Row = dict[str, Any]
 
@@ -84,8 +84,8 @@ class Block:
 
 
 def block_of(rows: list[Row]) -> Block:
-    """Turn flat rows into columns."""
-    return Block(len(rows), {name: _column(values) for name, values in _collect(rows).items()})
+    r"""Turn flat rows into columns; in names, lone surrogates are spelled `\udc00`, because UTF-8 has none."""
+    return Block(len(rows), {encodable(name): _column(values) for name, values in _collect(rows).items()})
 
 
 def join(blocks: Sequence[Block]) -> Block:
@@ -133,9 +133,10 @@ def _collect(block: list[Row]) -> dict[str, list[Any]]:
 
 
 def _column(values: list[Any]) -> Column:
-    type_ = arrow_type(values)
-    if type_ is not None:
-        return Column(pa.array(values, type=type_))
+    with contextlib.suppress(UnicodeEncodeError):  # text with lone surrogates
+        type_ = arrow_type(values)
+        if type_ is not None:
+            return Column(pa.array(values, type=type_))
     return Column(pa.array([None if value is None else to_text(value) for value in values], type=pa.string()), True)
 
 
@@ -277,12 +278,12 @@ def _struct_type(dicts: list[Row], has_nulls: bool) -> pa.DataType | None:
 
 def to_text(value: Any) -> str:
     """Say a value as JSON; one that JSON cannot say is wrapped as `{"_value": ..., "_exact": ...}`."""
-    row = orjson.loads(exact({VALUE_KEY: value}, ""))
+    row = loads_any(exact_as_read({VALUE_KEY: value}))
     row.pop(TIME_KEY, None)
-    return orjson.dumps(row if EXACT_KEY in row else row[VALUE_KEY]).decode()
+    return dumps_any(row if EXACT_KEY in row else row[VALUE_KEY]).decode()
 
 
 def from_text(text: str) -> Any:
     """Return the value that `to_text` said."""
-    value = orjson.loads(text)
+    value = loads_any(text)
     return restore(value)[VALUE_KEY] if isinstance(value, dict) and EXACT_KEY in value else value
