@@ -54,7 +54,7 @@ def whole(column: pa.ChunkedArray) -> pa.Array:
 
 def _array(array: pa.Array) -> npt.NDArray[Any]:
     shape, leaf = shape_of(array)
-    if shape is not None and len(shape) <= _MOST_LISTS and not (0 in shape and array.null_count):
+    if shape is not None and len(shape) <= _MOST_LISTS:
         flat = _numbers(leaf)
         if flat is not None:
             return _with_gaps(flat, array, shape)

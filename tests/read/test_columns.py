@@ -33,7 +33,9 @@ KINDS: dict[str, st.SearchStrategy[Any]] = {
     "vector": st.lists(st.floats(-10, 10), min_size=3, max_size=3),
     "ragged": st.lists(st.one_of(st.integers(-5, 5), st.floats(-5, 5)), max_size=3),
     "matrix": st.lists(st.lists(st.floats(-1, 1), min_size=2, max_size=2), min_size=2, max_size=2),
-    "gappy": st.lists(st.one_of(st.none(), st.sampled_from([math.nan, math.inf, -math.inf]), st.floats(-9, 9)), max_size=3),
+    "gappy": st.lists(
+        st.one_of(st.none(), st.sampled_from([math.nan, math.inf, -math.inf]), st.floats(-9, 9)), max_size=3
+    ),
     "empties": st.recursive(st.one_of(st.none(), st.integers(0, 2)), lambda inner: st.lists(inner, max_size=2)),
     "dict": st.dictionaries(st.sampled_from(["x", "y"]), LEAVES, max_size=2),
     "dicts": st.lists(st.dictionaries(st.sampled_from(["x", "y"]), st.integers(0, 3), max_size=2), max_size=2),
