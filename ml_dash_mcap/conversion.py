@@ -75,9 +75,8 @@ def convert(
     with _opened(source, reads) as recording:
         exported = recording.export(target, format=chosen, overwrite=overwrite, progress=progress, **writes)
         for loss in recording.losses:
-            warnings.warn(
-                f"{loss.path}, byte {loss.offset}: {loss.what}; it is left out", ConversionWarning, stacklevel=2
-            )
+            then = "it was set right by the data" if loss.corrected else "it is left out"
+            warnings.warn(f"{loss.path}, byte {loss.offset}: {loss.what}; {then}", ConversionWarning, stacklevel=2)
     return exported
 
 
