@@ -475,6 +475,19 @@ def test_a_loop_that_is_held_up_for_a_moment_now_and_then_is_fine(tmp_path: Path
     assert f"{measured.long} above 1.5 times the usual" in str(report)
 
 
+def test_a_loop_that_sleeps_after_its_work_and_is_held_up_often_is_fine(tmp_path: Path) -> None:
+    """`while True: append(...); sleep(0.001)` beside other programs: what is lost is never caught up with."""
+    rng = np.random.default_rng(5)
+    widths = 1.09e-3 + rng.exponential(20e-6, 4000)
+    held = rng.choice(4000, 140, replace=False)
+    widths[held] += rng.uniform(0.6e-3, 20e-3, 140)
+    report = check(record(tmp_path, EPOCH + np.cumsum(widths)))
+    assert list(report) == []
+    (measured,) = report.spacings
+    assert 130 <= measured.long <= 140
+    assert len(str(report).splitlines()) == 2
+
+
 def test_a_loop_that_stands_still_is_told(tmp_path: Path) -> None:
     (found,) = check(record(tmp_path, loop_times(2, [0.01] * 10 + [0.5])))
     assert (found.kind, found.count) == ("gap", 1)

@@ -30,7 +30,10 @@ _HICCUP_NS = 100_000_000
 what is not longer is counted, and no gap."""
 
 _SHARE_MISSING = 0.05
-"""If more than this share of the rows would have been in long spacings, they are gaps whatever the scheduler does."""
+_NEAR_GRID, _SHARE_NEAR_GRID = 0.2, 0.8
+"""On measured times too, long spacings are gaps if more than a share of the rows would have been in them, and if so
+many of them are within so much of a multiple of the usual one: pictures were dropped. A loop is held up for any time.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,13 +101,15 @@ def limit_ns(spacings_ns: Times) -> float:
         return limit
     varies = float((np.abs(spacings_ns[~is_long] - usual_ns) > _OFF * usual_ns).mean()) > _SHARE_OFF
     missing = float((np.round(spacings_ns[is_long] / usual_ns) - 1).sum())
-    if not varies and missing > _SHARE_MISSING * len(spacings_ns):
+    are_multiples = float(_on_grid(spacings_ns[is_long], usual_ns, _NEAR_GRID).mean()) >= _SHARE_NEAR_GRID
+    if not varies and are_multiples and missing > _SHARE_MISSING * len(spacings_ns):
         return limit
     seldom_ns = float(np.quantile(spacings_ns, _HIGH))
     return max(gaps.USUAL_FACTOR * seldom_ns, usual_ns + _HICCUP_NS)
 
 
-def _on_grid(spacings_ns: Times, usual_ns: float) -> npt.NDArray[np.bool_]:
+def _on_grid(spacings_ns: Times, usual_ns: float, within: float = _ON_GRID) -> npt.NDArray[np.bool_]:
+    """Tell which spacings are within a part of the usual one of a multiple of it."""
     times = spacings_ns / max(usual_ns, 1.0)
-    found: npt.NDArray[np.bool_] = np.abs(times - np.maximum(np.round(times), 1.0)) <= _ON_GRID
+    found: npt.NDArray[np.bool_] = np.abs(times - np.maximum(np.round(times), 1.0)) <= within
     return found
