@@ -173,3 +173,13 @@ def test_what_cannot_be_decoded_is_its_bytes_on_every_way_in(tmp_path: Path, way
         with way(bag) as recording:
             found = [row(recording, f"/t{n}") for n in range(3)]
     assert found == [{"data": payloads[0]}, {"data": 1.5}, {"data": payloads[2]}]
+
+
+@WAYS
+def test_a_service_is_given_by_its_own_name(tmp_path: Path, way: Way) -> None:
+    info = struct.pack("<BxxxiI16s4xq", 1, 2, 3, bytes(16), 4)
+    payload = b"\0\1\0\0" + info + struct.pack("<I4xqI", 1, 7, 0)
+    bag = ros2_bag(tmp_path, 9, "jazzy", {"/add/_service_event": ("p/srv/Add_Event", payload)})
+    with way(bag, definitions={"p/srv/Add": "int64 a\n---\nint64 sum\n"}) as recording:
+        found = row(recording, "/add/_service_event")
+    assert (found["request"], found["response"]) == ([{"a": 7}], [])

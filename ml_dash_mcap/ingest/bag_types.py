@@ -12,7 +12,7 @@ from ..read.decode import DIGEST_KEYS
 from ..read.decoding import Decoding
 from ..ros.distros import Likely
 from ..ros.message_types import canonical
-from ..ros.supply import is_idl
+from ..ros.supply import Supply, is_idl
 
 _SECTION = re.compile(r"^(?:MSG|IDL): *(\S+)", re.MULTILINE)
 
@@ -30,6 +30,7 @@ class Types:
         self.decoding = decoding
         self.likely = likely
         self._given = dict(decoding.definitions)
+        self._supply = Supply(decoding.definitions)
         self._known: dict[Channel, Channel] = {}
 
     def described(self, channel: Channel) -> Channel:
@@ -62,7 +63,7 @@ class Types:
         if channel.message_encoding not in ("cdr", "ros1"):
             return channel
         encoding = "ros1msg" if channel.is_ros1 else "ros2msg"
-        given = self._given.get(canonical(channel.type))
+        given = self._supply.text(channel.type)
         if given is not None:
             encoding = "ros2idl" if is_idl(given) else encoding
             return replace(channel, schema_encoding=encoding, definition=self._completed(channel, given).encode())
