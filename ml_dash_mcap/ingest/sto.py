@@ -126,10 +126,13 @@ class Table:
             }
         about: dict[str, Any] = {"sto": {key: value for key, value in self.keys.items() if key != NOTE_LINE}}
         kind = sto_vectors.KINDS.get(self.data_type)
+        stated = self.keys.get("units")
         if kind is not None:
-            more = {"quat_order": "wxyz"} if kind.is_rotation else {}
+            more: dict[str, Any] = {"quat_order": "wxyz"} if kind.is_rotation else {}
+            if stated:
+                more["units"] = dict.fromkeys(self.names, stated)
             return sto_vectors.placements(self.names, kind, topic), {topic: {**more, **about, **self.when.metadata}}
-        unit = _angle_unit(self.path, self.keys)
+        unit = _angle_unit(self.path, self.keys) or stated
         count = len(self.names)
         said = {"joint_names": self.names, **({"units": {"q": unit}} if unit else {}), **about, **self.when.metadata}
         return [Placement(topic, ("q",), (count,), tuple(range(count)))], {topic: said}

@@ -34,6 +34,7 @@ class Arrays:
         metadata: Mapping[str, Mapping[str, Any]],
         *,
         skip_empty: bool = False,
+        present: Sequence[Sequence[int]] = (),
     ) -> None:
         """Open the topics.
 
@@ -43,11 +44,16 @@ class Arrays:
             placements: Which columns each field has.
             metadata: Of the topics, as the placements name them.
             skip_empty: Whether a row without any number is no row, rather than one without fields.
+            present: For each placement, columns beside it that have a number where a row has the field's topic; none
+                where all rows have it.
         """
         self._topics: dict[str, list[Placement]] = {}
+        self._present: dict[str, set[int]] = {}
         about: dict[str, Mapping[str, Any]] = {}
-        for one, before in zip(names.accepted(path, placements), placements, strict=True):
+        for at, (one, before) in enumerate(zip(names.accepted(path, placements), placements, strict=True)):
             self._topics.setdefault(one.topic, []).append(one)
+            if present:
+                self._present.setdefault(one.topic, set()).update(present[at])
             about.setdefault(one.topic, metadata.get(before.topic) or {})
         self._tracks = {
             name: recorder._open(name, MESSAGE, Topic, metadata=about[name] or None) for name in self._topics
@@ -65,8 +71,9 @@ class Arrays:
         gaps = np.isnan(values)
         for topic, placements in self._topics.items():
             keep: Any = slice(None)
-            if self._skip_empty:
-                there = ~gaps[:, [column for one in placements for column in one.columns]].all(axis=1)
+            if self._skip_empty or self._present:
+                telling = [column for one in placements for column in one.columns]
+                there = ~gaps[:, telling if self._skip_empty else sorted(self._present[topic])].all(axis=1)
                 if not there.any():
                     continue
                 keep = slice(None) if there.all() else there

@@ -169,36 +169,36 @@ def _connected(tables: Sequence[_Table]) -> list[list[_Table]]:
 def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table], report: Report) -> None:
     """Append some sections together: what they say of one frame is one row."""
     placements: list[Placement] = []
+    present: list[tuple[int]] = []
     metadata: dict[str, dict[str, Any]] = {}
     width = 0
     for one in tables:
+        count = len(one.section.axes)
         placements += [replace(place, columns=tuple(width + at for at in place.columns)) for place in one.placements]
+        present += [(width + count,)] * len(one.placements)
         for name, about in one.metadata.items():
             metadata[name] = vicon_layout.merged(metadata.get(name, {}), {**about, **one.when.metadata})
-        width += len(one.section.axes)
+        width += count + 1
+    if len(tables) == 1:
+        tracks = Tracks(path, recorder, placements, metadata, skip_empty=tables[0].note is not None)
+        for times, values in tables[0].rows(file, report):
+            tracks.append(times, values)
+        return
     is_ours = tables[0].note is not None
-    tracks = Tracks(path, recorder, placements, metadata, skip_empty=is_ours)
-    rows, width = _Apart(path).rows(tables[0], file, report, alone=len(tables) == 1), len(tables[0].section.axes)
+    tracks = Tracks(path, recorder, placements, metadata, skip_empty=is_ours, present=present)
+    rows, width = _marked(path, tables[0], report), len(tables[0].section.axes) + 1
     for one in tables[1:]:
-        more = len(one.section.axes)
-        rows, width = joined(rows, _Apart(path).rows(one, file, report, alone=False), (width, more)), width + more
+        more = len(one.section.axes) + 1
+        rows, width = joined(rows, _marked(path, one, report), (width, more)), width + more
     for times, values in rows:
         tracks.append(times, values)
 
 
-class _Apart:
-    """Lets several sections of a file be read by turns: each through an opening of its own."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def rows(self, table: _Table, file: BinaryIO, report: Report, *, alone: bool) -> Iterator[tuple[Floats, Floats]]:
-        """Yield a section's rows."""
-        if alone:
-            yield from table.rows(file, report)
-            return
-        with opened(self._path) as own:
-            yield from table.rows(own, report)
+def _marked(path: Path, table: _Table, report: Report) -> Iterator[tuple[Floats, Floats]]:
+    """Yield a section's rows with a column of ones behind them; the file is opened anew, for others read it too."""
+    with opened(path) as file:
+        for times, values in table.rows(file, report):
+            yield times, np.concatenate((values, np.ones((len(values), 1))), axis=1)
 
 
 def _append_events(

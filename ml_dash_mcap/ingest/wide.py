@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import ForeignFileError
 from ..mocap.placement import Placement
 from ..recorder import Recorder
 from . import Progress, timing
@@ -58,6 +59,8 @@ def record(
         text = header.first("the row of column names")
         dialect = of_line(text, default=",")
         names = without_empty_end(dialect.split(text))[2:]
+        if not names:
+            raise ForeignFileError(src, "there are no columns behind those of frame and time", header.line, 3)
         placements = _placements(names, topic or src.stem)
         cells = Cells(src, len(names) + 2, dialect, on_bad=on_bad)
         cells.learn([*itertools.chain(*preview(file))])

@@ -162,6 +162,20 @@ def test_rows_of_one_time_are_written_one_by_one_and_come_back(tmp_path: Path) -
     assert rows == wanted
 
 
+@pytest.mark.parametrize("format", ["rosbag1", "rosbag2"])
+def test_rows_of_one_time_are_messages_of_a_bag_each(format: str, tmp_path: Path) -> None:
+    from rosbags.highlevel import AnyReader
+
+    (tmp_path / "x.sto").write_text("x\nversion=1\nnRows=3\nnColumns=2\nendheader\ntime\ta\n0.25\t1\n0.5\t2\n0.5\t3\n")
+    dest = tmp_path / ("x.bag" if format == "rosbag1" else "bag")
+    with Recording(tmp_path / "x.sto") as recording:
+        recording.export(dest, format=format)
+    with AnyReader([dest]) as reader:
+        for connection in reader.connections:
+            times = [time for _, time, _ in reader.messages([connection])]
+            assert times == [250_000_000, 500_000_000, 500_000_000], connection.topic
+
+
 def test_a_format_of_frames_says_that_it_has_no_place_for_two_rows_of_one_time(tmp_path: Path) -> None:
     text = "DataType=Vec3\nversion=3\nendheader\ntime\ttip_pos\n0\t1,2,3\n0.5\t1,2,3\n0.5\t4,5,6\n1\t1,2,3\n"
     (tmp_path / "x.sto").write_text(text)

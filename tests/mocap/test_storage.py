@@ -121,7 +121,7 @@ def test_what_is_bad_in_vectors_is_left_out_where_that_is_allowed(tmp_path: Path
     ]
 
 
-def test_forces_keep_their_header_and_are_not_said_to_be_angles(tmp_path: Path) -> None:
+def test_forces_keep_the_unit_of_their_header_and_are_not_said_to_be_angles(tmp_path: Path) -> None:
     (tmp_path / "grf.sto").write_text(
         "forces\nversion=1\nnRows=1\nnColumns=2\nUnits=N\nendheader\ntime\tground_force_vx\n0\t700\n"
     )
@@ -131,4 +131,19 @@ def test_forces_keep_their_header_and_are_not_said_to_be_angles(tmp_path: Path) 
     with recording:
         metadata = recording.topics["joints"].metadata
     assert metadata["sto"]["units"] == "N"
-    assert "units" not in metadata
+    assert metadata["units"] == {"q": "N"}
+
+
+def test_vectors_keep_the_unit_of_their_header_and_an_export_goes_by_it(tmp_path: Path) -> None:
+    text = (
+        VECTORS.format(kind="Vec3", separator="\t")
+        .replace("version=3", "version=3\nUnits=mm")
+        .replace("a\tb", "a_pos\tb_pos")
+    )
+    (tmp_path / "x.sto").write_text(text + "0\t1,2,3\t4,5,6\n0.5\t1,2,3\t4,5,6\n")
+    with Recording(tmp_path / "x.sto") as recording:
+        assert recording.topics["vectors"].metadata["units"] == {"a_pos": "mm", "b_pos": "mm"}
+        assert next(iter(recording["vectors"].rows()))["a_pos"] == [1.0, 2.0, 3.0]
+        file = recording.export(tmp_path / "x.trc", format="trc")
+    last = file.read_text().splitlines()[-1].split("\t")
+    assert [float(cell) for cell in last[2:]] == [0.001, 0.002, 0.003, 0.004, 0.005, 0.006]

@@ -116,6 +116,19 @@ def test_what_several_sections_say_of_one_frame_of_a_topic_is_one_row(tmp_path: 
     assert read_back(file, tmp_path / "back") == {"arm": rows}
 
 
+def test_sections_of_a_topic_are_joined_and_no_other_topic_gets_rows_by_it(tmp_path: Path) -> None:
+    (tmp_path / "x.csv").write_text(
+        "Trajectories\n100\n,,Bob:LASI,,,Ann:LASI,,\nFrame,Sub Frame,X,Y,Z,X,Y,Z\n,,mm,mm,mm,mm,mm,mm\n"
+        "1,0,1,2,3,1,2,3\n2,0,,,,,,\n\nObjects\n100\n,,Bob,,,,,\nFrame,Sub Frame,RX,RY,RZ,TX,TY,TZ\n"
+        ",,rad,rad,rad,mm,mm,mm\n2,0,0,0,0,1,2,3\n3,0,,,,,,\n"
+    )
+    marker, body = [0.001, 0.002, 0.003], {"pos": [0.001, 0.002, 0.003], "rotation": [0.0, 0.0, 0.0]}
+    assert read_back(tmp_path / "x.csv", tmp_path / "back") == {
+        "Ann": [{"markers": {"LASI": marker}, "_ts": 0.0}, {"_ts": 0.01}],
+        "Bob": [{"markers": {"LASI": marker}, "_ts": 0.0}, {**body, "_ts": 0.01}, {"_ts": 0.02}],
+    }
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
