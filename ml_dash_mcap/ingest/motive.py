@@ -85,7 +85,7 @@ def record(
         origin = start if start is not None else note.origin if note else None
         if origin is None:
             origin = start_times.read(src, pairs.get(_START, ""), _START, timezone) or 0.0
-        clue = Clue(1, 0, number(pairs.get("Export Frame Rate", "")))
+        clue = Clue(layout.time, 0, number(pairs.get("Export Frame Rate", "")))
         when = timing.find(clue, cells, file, line, origin)
         first_s = timing.first_stamp(clue, cells, file, when)
         when = timing.not_below_zero(src, when, [first_s], is_asked=start is not None)
@@ -96,8 +96,9 @@ def record(
         if note is None or beside is None:
             tracks = Tracks(src, recorder, placements, metadata, skip_empty=note is not None)
             for part in parts:
-                times = when.stamps(part.values[:, 0], part.values[:, 1])
-                tracks.append_with(cells, times, part.values[:, leading:], part.lines, 2, part.texts)
+                times = when.stamps(part.values[:, 0], part.values[:, layout.time])
+                column = layout.time + 1
+                tracks.append_with(cells, times, part.values[:, leading:], part.lines, column, part.texts)
                 report.add(len(part.values), part.at)
         else:
             table = files.enter_context(sto.table(beside, on_bad=on_bad, start=start))

@@ -37,13 +37,15 @@ class Layout:
     """What the columns of a file are."""
 
     columns: list[Column]
-    leading: int
-    """How many columns come before them: frame, time, and a time code."""
+    time: int
+    """The column of times."""
+    time_codes: tuple[int, ...] = ()
+    """The columns of text: time codes."""
 
     @property
-    def time_codes(self) -> tuple[int, ...]:
-        """The columns of text."""
-        return (2,) if self.leading == 3 else ()
+    def leading(self) -> int:
+        """How many columns come before the others: frame, time, and a time code."""
+        return 2 + len(self.time_codes)
 
 
 def read_pairs(path: Path, line: str, dialect: Dialect) -> dict[str, str]:
@@ -77,10 +79,11 @@ def read_columns(path: Path, header: Header, dialect: Dialect) -> Layout:
         if len(rows) > 6 or (rows and number(rows[-1][0]) is not None):
             raise ForeignFileError(path, "the header has no row that begins with 'Frame'", header.line)
     *above, axes = rows
-    leading = 3 if len(axes) > 2 and axes[2].lower().replace(" ", "") in _TIME_CODES else 2
-    if len(axes) < leading or not axes[1].lower().startswith("time"):
-        raise ForeignFileError(path, "the column after 'Frame' is not 'Time'", lines[-1], 2)
-    named = _named(path, above, lines)
+    codes = tuple(at for at in (1, 2) if at < len(axes) and axes[at].lower().replace(" ", "") in _TIME_CODES)[:1]
+    time, leading = 2 if codes == (1,) else 1, 2 + len(codes)
+    if len(axes) < leading or not axes[time].lower().startswith("time"):
+        raise ForeignFileError(path, "the column after 'Frame' is not 'Time'", lines[-1], time + 1)
+    named = _named(path, above, lines, leading)
     width = max(len(without_empty_end(row)) for row in (axes, *(row for row, _ in named.values())))
     for what, (row, line) in named.items():
         if len(row) != len(axes) and (len(row) < width or any(row[width:])):
@@ -94,13 +97,21 @@ def read_columns(path: Path, header: Header, dialect: Dialect) -> Layout:
         if not column.type:
             raise ForeignFileError(path, "the column has no type", named["types"][1], at)
     _check(path, found, leading, lines[-1])
-    return Layout(found, leading)
+    return Layout(found, time, codes)
 
 
-def _named(path: Path, rows: Sequence[list[str]], lines: Sequence[int]) -> dict[str, tuple[list[str], int]]:
+def _named(
+    path: Path, rows: Sequence[list[str]], lines: Sequence[int], leading: int
+) -> dict[str, tuple[list[str], int]]:
     """Return the header's rows above the axes, with their lines, by what they say."""
-    labels = {row[1]: (row, line) for row, line in zip(rows, lines, strict=False) if len(row) > 1 and row[1]}
-    plain = [(row, line) for row, line in zip(rows, lines, strict=False) if len(row) < 2 or not row[1]]
+    labels: dict[str, tuple[list[str], int]] = {}
+    plain: list[tuple[list[str], int]] = []
+    for row, line in zip(rows, lines, strict=False):
+        label = next((cell for cell in row[1:leading] if cell), "")
+        if label:
+            labels[label] = row, line
+        else:
+            plain.append((row, line))
     if labels:
         wanted = {"types": labels.get("Type"), "names": labels.get("Name"), "IDs": labels.get("ID")}
         wanted["groups"] = plain[0] if plain else None
@@ -109,10 +120,10 @@ def _named(path: Path, rows: Sequence[list[str]], lines: Sequence[int]) -> dict[
         if len(plain) == 3 and wanted["groups"] is None:  # version 1.2 may have no IDs
             wanted["groups"], wanted["IDs"] = wanted["IDs"], wanted["names"]
     found: dict[str, tuple[list[str], int]] = {}
-    for what, row in wanted.items():
-        if row is None:
+    for what, placed in wanted.items():
+        if placed is None:
             raise ForeignFileError(path, f"the header has no row of {what}", lines[-1])
-        found[what] = row
+        found[what] = placed
     return found
 
 

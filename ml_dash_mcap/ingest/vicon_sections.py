@@ -146,7 +146,8 @@ def _pass_rows(header: Header, dialect: Dialect) -> None:
             return
         if dialect.is_blank(line):
             continue
-        if number(dialect.split(line)[0]) is None and len(without_empty_end(dialect.split(line))) < LEADING:
+        first = line.partition(dialect.separator)[0]  # splitting whole lines would take as long as parsing them
+        if number(first.strip('"')) is None and len(without_empty_end(dialect.split(line))) < LEADING:
             header.to(end, lines)
             return
         end, lines = header.at(), header.line

@@ -121,6 +121,30 @@ def test_a_file_of_analog_signals_only_is_read(tmp_path: Path) -> None:
     assert metadata["converted"] == "lengths from mm to m"
 
 
+def test_analog_signals_have_their_own_rate_where_there_is_no_rate_of_points(tmp_path: Path) -> None:
+    said = {"POINT": {"USED": [0], "FRAMES": [4], "RATE": [0.0]}, "ANALOG": ANALOG}
+    frames = [frame([], [at, 2.0, 0.0]) for at in range(4)]
+    (tmp_path / "x.c3d").write_bytes(build(frames, said, points=0, analogs=3, samples=1, rate=0.0))
+    rows = read_back(tmp_path / "x.c3d", tmp_path / "back")["analog"]
+    assert [(row["_ts"], row["Fz"]) for row in rows] == [(at / 200, float(at)) for at in range(4)]
+
+
+def test_analog_signals_that_ezc3d_writes_alone_are_read(tmp_path: Path) -> None:
+    file = ezc3d.c3d()
+    file["data"]["points"] = np.zeros((4, 0, 2))
+    file["parameters"]["POINT"]["RATE"]["value"] = [100.0]
+    file["parameters"]["ANALOG"]["RATE"]["value"] = [1000.0]
+    file["parameters"]["ANALOG"]["LABELS"]["value"] = ["a", "b"]
+    file["parameters"]["ANALOG"]["UNITS"]["value"] = ["V", "N"]
+    file["data"]["analogs"] = np.arange(40.0).reshape(1, 2, 20)
+    file.write(str(tmp_path / "x.c3d"))
+    with Recording(tmp_path / "x.c3d") as recording:
+        found = recording["analog"].to_numpy()
+        assert recording.topics["analog"].metadata["units"] == {"a": "V", "b": "N"}
+    assert found["a"].tolist() == list(range(20))
+    assert found["_ts"].tolist() == [at / 1000 for at in range(20)]
+
+
 @pytest.mark.parametrize(
     ("header", "stated"),
     [(30, 12), (12, 30), (12, 3), (3, 12), (65535, 12), (0, 12), (12, None)],

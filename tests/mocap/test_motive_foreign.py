@@ -45,6 +45,20 @@ def test_labels_may_stand_in_the_second_column_although_there_are_time_codes(tmp
     assert read_back(tmp_path / "a.csv", tmp_path / "a") == read_back(tmp_path / "b.csv", tmp_path / "b")
 
 
+def test_the_time_code_may_stand_before_the_time_and_parents_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(TIME_CODES)
+    lines = TIME_CODES.replace("1.24", "1.25").split("\n")
+    lines.insert(5, ",,Parent,,,,,,,,,,,")
+    (tmp_path / "b.csv").write_text("\n".join(lines))
+    for at in range(6, 11):
+        first, second, third, rest = lines[at].split(",", 3)
+        lines[at] = ",".join((first, third, second, rest))
+    (tmp_path / "c.csv").write_text("\n".join(lines))
+    wanted = read_back(tmp_path / "a.csv", tmp_path / "a")
+    assert read_back(tmp_path / "b.csv", tmp_path / "b") == wanted
+    assert read_back(tmp_path / "c.csv", tmp_path / "c") == wanted
+
+
 UNKNOWN = """Format Version,1.25,Take Name,demo,Export Frame Rate,100.000000,Rotation Type,Quaternion,Length Units,Millimeters
 
 ,Type,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Marker,Marker,Marker,Marker,Force Plate,Force Plate
