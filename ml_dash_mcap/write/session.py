@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import math
 import os
 import socket
 import time
@@ -88,6 +90,7 @@ class SessionFiles:
         for place in self._places():
             self.place = place
             try:
+                _check_room(place, count * self._options.chunk_bytes)
                 while len(self.buffers) < count:
                     self.buffers.append(Buffer(self._path(len(self.buffers)), self._options.chunk_bytes))
             except OSError as error:
@@ -119,3 +122,31 @@ class SessionFiles:
     def leave_behind(self) -> None:
         """Let go of the lock and keep the files, for a recovery."""
         self._lock.release()
+
+
+def _check_room(place: Path, size: int) -> None:
+    """Look before reserving: buffers that nothing can hold would take all memory before the last one fails.
+
+    Args:
+        place: The folder of the buffers.
+        size: Of all of them, in bytes.
+
+    Raises:
+        OSError: The place, or for shared memory the machine, has less.
+    """
+    if hasattr(os, "statvfs"):
+        status = os.statvfs(place)
+        if status.f_blocks and size > status.f_bavail * status.f_frsize:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(place))
+    if place == _SHARED_MEMORY and size > _available_memory():
+        raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM), str(place))
+
+
+def _available_memory() -> float:
+    """Return how much memory programs can still have, in bytes; infinite where the system does not say."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return math.inf
+    kib = [line.split()[1] for line in lines if line.startswith("MemAvailable:")]
+    return int(kib[0]) * 1024 if kib else math.inf

@@ -169,6 +169,21 @@ def test_no_room_for_the_backlog_is_an_error_at_start_that_leaves_nothing_behind
     assert list(small_memory.iterdir()) + list((tmp_path / "run").iterdir()) == []
 
 
+@pytest.mark.parametrize("journal_dir", [None, "here"])
+def test_a_backlog_that_nothing_holds_is_an_error_before_any_of_it_is_reserved(
+    tmp_path: Path, journal_dir: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Reserving what there is of it took all shared memory of the machine, and the process was killed."""
+    reserved: list[object] = []
+    monkeypatch.setattr(place, "Buffer", lambda *given, **more: reserved.append(given))
+    (tmp_path / "here").mkdir()
+    options = RecorderOptions(backlog_bytes=10**15, journal_dir=journal_dir and tmp_path / journal_dir)
+    with pytest.raises(StorageError, match=r"no room for a backlog of 10{15} bytes.*backlog_bytes="):
+        Recorder(tmp_path / "run", options)
+    assert reserved == []
+    assert list((tmp_path / "run").iterdir()) + list((tmp_path / "here").iterdir()) == []
+
+
 def test_no_room_for_a_large_row_costs_that_row_only(tmp_path: Path, small_memory: Path) -> None:
     options = RecorderOptions(chunk_bytes=65536, backlog_bytes=6 * 65536, journal_dir=str(small_memory))
     with Recorder(tmp_path / "run", options) as recorder:
