@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import itertools
 import json
 import os
 import signal
@@ -20,6 +23,8 @@ from mcap.reader import make_reader
 
 from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording
 from ml_dash_mcap.read.findings import Report
+from ml_dash_mcap.write import writer
+from tests.faulty_os import calls_go_through, fails
 from tests.support import disk
 
 SMALL = RecorderOptions(chunk_bytes=65_536, backlog_bytes=262_144)
@@ -259,3 +264,34 @@ def test_small_options_change_no_count(tmp_path: Path) -> None:
         recorder.flush()
         assert recorder.stats()["steps_back"] == steps_of(times)
     assert merged_said(check(tmp_path)) == 950
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="calls are told apart through /proc")
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO], ids=["no space", "input/output error"])
+def test_a_block_that_is_written_again_after_a_fault_counts_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
+) -> None:
+    monkeypatch.setattr(writer, "_FIRST_RETRY_S", 0.005)
+    times = [(n % 50) / 100 for n in range(200)]
+    for number in itertools.count(1):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        plan = fails(lambda current, name, number=number: current == number, code, halfway=True)  # type: ignore[misc]
+        with calls_go_through(folder, plan) as calls:
+            try:
+                recorder = Recorder(folder, SMALL)
+            except OSError:  # it could not begin
+                continue
+            for n, at in enumerate(times):
+                recorder.topic("robot").append(n=n, _ts=at)
+                if n % 70 == 69:
+                    with contextlib.suppress(OSError):  # it says so, and goes on trying
+                        recorder.flush()
+            recorder.flush()
+            assert recorder.stats()["steps_back"] == 3
+            recorder.close()
+        assert recorded_steps(folder)["steps_back"] == 3
+        assert merged_said(check(folder)) == 150
+        if calls.count < number:
+            assert number > 10
+            return

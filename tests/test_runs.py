@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording, Session
+from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording, Session, convert
 from ml_dash_mcap.cli import main
 from ml_dash_mcap.errors import NotFoundError, OptionError
 from tests.support import disk
@@ -197,6 +197,12 @@ def test_a_session_is_a_run(tmp_path: Path) -> None:
             session.track("robot").append(n=number, _ts=float(number))
     with Recording(session.path) as rec:
         assert [dict(run.counts) for run in rec.runs] == [{"robot": 1}, {"robot": 1}]
+
+
+def test_one_run_is_converted(tmp_path: Path, runs: list[str]) -> None:
+    convert(tmp_path / "a/b", tmp_path / "rows.jsonl", format="jsonl", run=1, topics=["robot"])
+    (written,) = [path for path in (tmp_path / "rows.jsonl").rglob("*") if path.is_file()] or [tmp_path / "rows.jsonl"]
+    assert [json.loads(line)["run"] for line in written.read_text().splitlines()] == [1] * 9
 
 
 # When a run begins
