@@ -13,7 +13,7 @@ from ..errors import ConversionError, ConversionWarning, OptionError
 from ..layout import MESSAGE, TRACK
 from ..messages import Channel
 from ..read import counts, exact
-from ..ros import blocks, checks, lossless, msg, names, standard, stores
+from ..ros import blocks, checks, conventions, lossless, msg, names, standard, stores
 from ..ros.columns import Struct
 from ..ros.forms import Form
 from ..ros.lossless import Field, Message
@@ -97,7 +97,7 @@ class Plan:
     @property
     def paths(self) -> list[tuple[Field, ...]]:
         """The ways to the fields whose texts are the paths of images to embed."""
-        fields = [one.fields["data"] for one, _ in self.derived if one.type == standard.COMPRESSED]
+        fields = [one.fields["data"] for one, _ in self.derived if one.type == conventions.COMPRESSED]
         return [way for way in fields if way[-1].kind == "string"]
 
 
@@ -221,7 +221,7 @@ class Planner:
                     f"{where}: {why}, so {one.topic} cannot be written; pass mapping={{{topic!r}: {{{suffix!r}:"
                     " None}} to leave it out, or on_bad='lossless' to leave out all such with a warning"
                 )
-            is_taken = one.topic in taken and not (one.type == standard.TF and one.topic == "/tf")
+            is_taken = one.topic in taken and not (one.type == conventions.TF and one.topic == "/tf")
             if is_taken and one.is_asked and settings.on_bad == "raise":
                 raise ConversionError(f"topic {topic!r}: mapping of {one.topic!r}: another topic has that name")
             if why is not None or is_taken:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from . import standard, units
-from .standard import Derived, Role
+from . import conventions, standard, units
+from .conventions import Role
+from .standard import Derived
 
 
 def check(derived: Derived) -> str | None:
@@ -18,9 +19,9 @@ def check(derived: Derived) -> str | None:
 
 def ragged_role(derived: Derived) -> str | None:
     """Return the role of a field whose length changes and must not, if there is one; a robot's joints may change."""
-    if derived.type == standard.JOINT_STATE:
+    if derived.type == conventions.JOINT_STATE:
         return None
-    return next((role for role, way in derived.fields.items() if standard.is_ragged(way[-1])), None)
+    return next((role for role, way in derived.fields.items() if conventions.is_ragged(way[-1])), None)
 
 
 def _check_units(derived: Derived) -> str | None:
@@ -31,7 +32,7 @@ def _check_units(derived: Derived) -> str | None:
         return f"its units are {said!r}; they must be a dict of fields"
     for role, way in derived.fields.items():
         unit = units.said(said, [one.key for one in way])
-        quantity = _quantity(derived, role, standard.ROLES[derived.type][role])
+        quantity = _quantity(derived, role, conventions.ROLES[derived.type][role])
         found = units.halves(*quantity, unit) if isinstance(quantity, tuple) else units.scale(quantity, unit)
         if found is None:
             names = quantity if isinstance(quantity, tuple) else (str(quantity),)
@@ -41,7 +42,7 @@ def _check_units(derived: Derived) -> str | None:
 
 
 def _quantity(derived: Derived, role: str, one: Role) -> str | tuple[str, str] | None:
-    is_depth = derived.type == standard.IMAGE and len(derived.fields[role][-1].shape or ()) == 2
+    is_depth = derived.type == conventions.IMAGE and len(derived.fields[role][-1].shape or ()) == 2
     return "length" if is_depth else one.quantity
 
 
@@ -49,11 +50,11 @@ def _check_names(derived: Derived) -> str | None:
     order = derived.metadata.get("quat_order", "xyzw")
     if order not in ("xyzw", "wxyz"):
         return f"its quat_order is {order!r}; it must be 'xyzw' or 'wxyz'"
-    for key in (standard.FRAME, standard.CHILD_FRAME):
+    for key in (conventions.FRAME, conventions.CHILD_FRAME):
         frame = derived.metadata.get(key)
         if frame is not None and (not isinstance(frame, str) or "\0" in frame):
             return f"its {key} is {frame!r}; it must be a name"
-    return _check_joints(derived) if derived.type == standard.JOINT_STATE else None
+    return _check_joints(derived) if derived.type == conventions.JOINT_STATE else None
 
 
 def _check_joints(derived: Derived) -> str | None:

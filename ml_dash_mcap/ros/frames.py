@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping
 
 from ..errors import ConversionWarning
-from . import standard
+from . import conventions
 from .columns import Column, Constant, Ragged, texts
 from .context import Context, Stated
 from .standard import Derived
@@ -44,8 +44,8 @@ def of_header(derived: Derived, otherwise: Constant, details: Mapping[str, State
         otherwise: What the metadata, or else the caller says.
         details: What the rows say.
     """
-    stated = details.get(standard.FRAME)
-    if stated is None or derived.metadata.get(standard.FRAME) is not None or not len(stated.is_there):
+    stated = details.get(conventions.FRAME)
+    if stated is None or derived.metadata.get(conventions.FRAME) is not None or not len(stated.is_there):
         return otherwise
     return texts_or(stated, otherwise.value)
 
@@ -66,8 +66,8 @@ def parent(context: Context) -> Column:
 
 def child(context: Context) -> Column:
     """Return the frame that a transform leads to: what the topic's metadata says, or else the row."""
-    said = context.derived.metadata.get(standard.CHILD_FRAME)
-    stated = context.details.get(standard.CHILD_FRAME)
+    said = context.derived.metadata.get(conventions.CHILD_FRAME)
+    stated = context.details.get(conventions.CHILD_FRAME)
     otherwise = said if isinstance(said, str) and said.strip("/") else context.derived.child
     if stated is None or said is not None:
         return Constant(otherwise.strip("/"))

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConversionWarning
-from . import standard
+from . import conventions
 from .columns import Column, Constant, Indices, Ragged, texts
 from .context import BadRows, Context, Stated
 
@@ -99,11 +99,11 @@ def _warn(context: Context, what: str) -> None:
 
 
 def _name(context: Context) -> str:
-    return standard.GRIPPER if context.derived.topic.rpartition("/")[2] == standard.GRIPPER else "joint"
+    return conventions.GRIPPER if context.derived.topic.rpartition("/")[2] == conventions.GRIPPER else "joint"
 
 
 def _numbered(context: Context, count: int) -> list[str]:
     name = _name(context)
-    if name == standard.GRIPPER and count == 1:
+    if name == conventions.GRIPPER and count == 1:
         return [name]
     return [f"{name}{number}" for number in range(1, count + 1)]

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..errors import ConversionWarning
 from ..rows import rotations
-from . import cameras, frames, joints, standard, units
+from . import cameras, conventions, frames, joints, units
 from .columns import Column, Constant, Indices, Ragged, pick
 from .context import BadRows, Context, Load, Stated
 from .lossless import INTEGER, PRESENT, STATE, Field, Message
@@ -90,11 +90,11 @@ def _details(column: Mapping[str, Column], derived: Derived, role: str, rows: In
     """Return what a field says of a detail, in ROS's unit."""
     way = derived.details[role]
     at = _at(column, way, rows, count)
-    detail = standard.DETAILS.get(derived.type, {}).get(role)
+    detail = conventions.DETAILS.get(derived.type, {}).get(role)
     if detail is None or detail.of is None or detail.of not in derived.fields or isinstance(at, Ragged):
         return at
     of_unit = units.said(derived.metadata.get("units"), [one.key for one in derived.fields[detail.of]])
-    quantity = standard.ROLES[derived.type][detail.of].quantity
+    quantity = conventions.ROLES[derived.type][detail.of].quantity
     scale = units.scale(quantity if isinstance(quantity, str) else None, of_unit)
     assert scale is not None  # `checks` saw to it
     return np.asarray(at, np.float64).reshape(len(rows), -1) * scale.factor**2
@@ -106,7 +106,7 @@ def _values(column: Mapping[str, Column], derived: Derived, role: str, rows: Ind
     if isinstance(at, Ragged):
         return _scaled_lists(derived, role, at)
     at = at.reshape(len(rows), *(way[-1].shape or ()))
-    quantity = standard.ROLES[derived.type][role].quantity
+    quantity = conventions.ROLES[derived.type][role].quantity
     unit = units.said(derived.metadata.get("units"), [one.key for one in way])
     if isinstance(quantity, tuple):
         both = units.halves(*quantity, unit)
@@ -126,7 +126,7 @@ def _values(column: Mapping[str, Column], derived: Derived, role: str, rows: Ind
 
 def _scaled_lists(derived: Derived, role: str, values: Ragged) -> Ragged:
     """Return lists of numbers in ROS's unit; whatever else comes as lists has no unit."""
-    quantity = standard.ROLES[derived.type][role].quantity
+    quantity = conventions.ROLES[derived.type][role].quantity
     unit = units.said(derived.metadata.get("units"), [one.key for one in derived.fields[role]])
     scale = units.scale(quantity, unit) if isinstance(quantity, str) else None
     if scale is None or (scale.factor == 1 and not scale.offset):
@@ -259,15 +259,15 @@ def _xyzw(quaternions: Array) -> dict[str, Array]:
 
 
 _BUILDERS: Mapping[str, Build] = {
-    standard.JOINT_STATE: joints.joint_state,
-    standard.POSE: _pose,
-    standard.TF: _transform,
-    standard.TWIST: _twist,
-    standard.WRENCH: _wrench,
-    standard.IMU: _imu,
-    standard.MAGNETIC: _magnetic,
-    standard.TEMPERATURE: _temperature,
-    standard.CAMERA_INFO: cameras.camera_info,
-    standard.IMAGE: cameras.image,
-    standard.COMPRESSED: cameras.compressed,
+    conventions.JOINT_STATE: joints.joint_state,
+    conventions.POSE: _pose,
+    conventions.TF: _transform,
+    conventions.TWIST: _twist,
+    conventions.WRENCH: _wrench,
+    conventions.IMU: _imu,
+    conventions.MAGNETIC: _magnetic,
+    conventions.TEMPERATURE: _temperature,
+    conventions.CAMERA_INFO: cameras.camera_info,
+    conventions.IMAGE: cameras.image,
+    conventions.COMPRESSED: cameras.compressed,
 }
