@@ -54,6 +54,8 @@ class Topic:
 
         Args:
             _ts: The row's time stamp, in seconds. Rows of one time stamp merge into one; later fields win.
+            timestamp: A field like the others; the tracks of an Experiment refuse it, as they read times under it.
+            _exact: Refused: the library has a field of that name itself.
             **fields: Numbers, text, bytes, None, lists, dicts, numpy arrays of any shape, dataclasses, datetimes,
                 enums, and anything with `tolist` or `__array__`.
 
