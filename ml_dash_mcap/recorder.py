@@ -20,7 +20,8 @@ from .annotations import NOTHING_SAID, collect
 from .errors import FieldError, PrefixError, StorageError, TopicError, UsageError
 from .layout import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
 from .options import RecorderOptions, arguments_of, check_options, misplaced
-from .read.earlier import simulated_until
+from .read.earlier import own_clock_until
+from .read.words import said as in_words
 from .recovery import recover_folder
 from .rows.encode import dumps, plain, plain_list
 from .timestamps import stamper
@@ -347,14 +348,14 @@ def _parameter_text(name: str, value: Any) -> str:
 
 def _warn_of_earlier_run(folder: Path) -> None:
     """Say so if rows of this run may take the place of an earlier one's."""
-    end_s = simulated_until(folder)
+    end_s = own_clock_until(folder)
     if end_s is not None:
         _log.warning(
-            "%s holds a run already whose times are near 0 (up to %.6g s): rows of this run at the same times are"
-            " merged with that run's when both are read; give each run a prefix of its own, or read one run with"
+            "%s holds a run already, on a clock of its own (up to %s): rows of this run at the same times are merged"
+            " with that run's when both are read; give each run a prefix of its own, or read one run with"
             " Recording(path, run=...)",
             folder,
-            end_s,
+            in_words(end_s),
         )
 
 

@@ -217,7 +217,7 @@ def test_a_run_that_begins_where_a_simulated_one_is_says_so(tmp_path: Path, capl
         exp.run.complete()
     assert len(warned) == 1
     assert str(exp.path) in warned[0]
-    assert "near 0 (up to 0.9 s)" in warned[0]
+    assert "on a clock of its own (up to 0.9 s)" in warned[0]
     assert "Recording(path, run=...)" in warned[0]
 
 
@@ -232,7 +232,16 @@ def test_a_run_of_logs_only_does_not_hide_the_simulated_one_before_it(
     logging.getLogger("ml_dash_mcap").setLevel(logging.NOTSET)
     with caplog.at_level(logging.WARNING), Recorder(tmp_path / "a/b"):
         pass
-    assert ["near 0 (up to 0.9 s)" in one.getMessage() for one in caplog.records] == [True]
+    assert ["on a clock of its own (up to 0.9 s)" in one.getMessage() for one in caplog.records] == [True]
+
+
+def test_a_run_after_a_recording_that_was_played_back_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    yesterday = float(int(time.time()) - 86_400)
+    with Recorder(tmp_path) as recorder:
+        recorder.topic("robot").append(n=1, _ts=yesterday)
+    with caplog.at_level(logging.WARNING), Recorder(tmp_path):
+        pass
+    assert [f"(up to {yesterday:.0f} s)" in one.getMessage() for one in caplog.records] == [True]
 
 
 def test_a_run_after_one_that_was_killed_says_so_too(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -243,7 +252,7 @@ def test_a_run_after_one_that_was_killed_says_so_too(tmp_path: Path, caplog: pyt
     assert subprocess.run([sys.executable, "-c", program]).returncode == -signal.SIGKILL
     with caplog.at_level(logging.WARNING), Recorder(tmp_path):
         pass
-    assert ["near 0 (up to 2.5 s)" in one.getMessage() for one in caplog.records] == [True]
+    assert ["on a clock of its own (up to 2.5 s)" in one.getMessage() for one in caplog.records] == [True]
 
 
 def test_the_warning_is_seen_without_any_set_up(tmp_path: Path) -> None:
