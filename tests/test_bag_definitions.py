@@ -172,7 +172,7 @@ def test_what_cannot_be_decoded_is_its_bytes_on_every_way_in(tmp_path: Path, way
         warnings.simplefilter("ignore", UndecodedWarning)
         with way(bag) as recording:
             found = [row(recording, f"/t{n}") for n in range(3)]
-    assert found == [{"data": payloads[0]}, {"data": 1.5}, {"data": payloads[2]}]
+    assert found == [{"_data": payloads[0]}, {"data": 1.5}, {"_data": payloads[2]}]
 
 
 @WAYS

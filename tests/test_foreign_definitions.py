@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from mcap.writer import Writer
@@ -119,7 +120,7 @@ def test_a_file_that_states_no_distribution_is_read_as_of_humble_with_a_warning_
     with later.done() as recording, warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         found = list(recording["/t"].rows())
-    assert [row.get("variance") for row in found] == [None, 0.25, None] and found[2]["data"] == b"\0\1\0\0"
+    assert [row.get("variance") for row in found] == [None, 0.25, None] and found[2]["_data"] == b"\0\1\0\0"
     assert any(what in str(one.message) for one in warned)
     with Recording(later.path, on_unknown="raise") as recording, warnings.catch_warnings():
         warnings.simplefilter("ignore", ConversionWarning)
@@ -192,7 +193,7 @@ def test_what_becomes_of_an_unknown_type_can_be_said(draft: Draft, tmp_path: Pat
     with Recording(draft.path, definitions={"p/Thing": tmp_path / "Thing.msg"}) as recording:
         what = r"topic '/t' has a message of 8 bytes that is no p/msg/Thing in cdr: .*; its rows have the bytes"
         with pytest.warns(UndecodedWarning, match=what):
-            assert next(recording["/t"].rows())["data"] == b"\0\1\0\0" + UNKNOWN
+            assert next(recording["/t"].rows())["_data"] == b"\0\1\0\0" + UNKNOWN
 
 
 @pytest.mark.parametrize(
@@ -321,6 +322,25 @@ def test_a_message_in_another_form_than_its_neighbours_is_read_in_its_own_or_byt
         with pytest.warns(UndecodedWarning, match=r"announces a list of parameters.*; its rows have the bytes"):
             found = list(recording["/t"].rows())
         assert [row.get("b") for row in found] == [1.5, 1.5, 1.5, 1.5, None, None]
-        assert [row["data"] for row in found[4:]] == forms[4:]
+        assert [row["_data"] for row in found[4:]] == forms[4:]
     with Recording(draft.path, on_unknown="raise") as recording, pytest.raises(DamagedFileError, match="at 5 ns"):
         list(recording["/t"].rows())
+
+
+def test_a_message_that_is_not_decoded_costs_its_neighbours_no_type(draft: Draft) -> None:
+    odd = b"\0\3\0\0" + bytes(8)
+    payloads = [b"\0\1\0\0" + struct.pack("<d", 1.5), odd, b"\0\1\0\0" + struct.pack("<d", 2.5)]
+    draft.topic(payloads, name="std_msgs/msg/Float64", schema="ros2msg", text=b"float64 data")
+    with draft.done() as recording, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UndecodedWarning)
+        table = recording["/t"].to_arrow()
+        assert table.schema.field("data").type == pa.float64()
+        assert table.column("data").to_pylist() == [1.5, None, 2.5]
+        assert table.column("_data").to_pylist() == [None, odd, None]
+
+
+def test_a_type_without_a_text_that_is_not_empty_after_all_is_unknown(draft: Draft) -> None:
+    draft.topic([b"\0\1\0\0" + bytes(8)], name="p/msg/Thing", schema="ros2msg")
+    what = r"that is no p/msg/Thing .* as 'data'; pass definitions="
+    with draft.done() as recording, pytest.warns(UndecodedWarning, match=what):
+        assert next(recording["/t"].rows())["data"] == b"\0\1\0\0" + bytes(8)

@@ -303,8 +303,8 @@ def test_a_message_that_contradicts_its_schema_is_bytes_or_damage_with_its_place
     with Recording(tmp_path / "a.mcap") as recording:
         what = rf"topic '/t' has a message of {len(payload)} bytes that is no test.Everything in {encoding}: .*{why}"
         with pytest.warns(UndecodedWarning, match=what):
-            assert list(recording["/t"].rows()) == [{"data": payload, "_ts": 7e-9}]
-        assert recording["/t"].to_arrow().column("data").to_pylist() == [payload]
+            assert list(recording["/t"].rows()) == [{"_data": payload, "_ts": 7e-9}]
+        assert recording["/t"].to_arrow().column("_data").to_pylist() == [payload]
     with Recording(tmp_path / "a.mcap", on_unknown="skip") as recording, pytest.warns(UndecodedWarning, match=what):
         assert list(recording["/t"].rows()) == []
     with Recording(tmp_path / "a.mcap", on_unknown="raise") as recording:

@@ -28,6 +28,9 @@ Decoder = Callable[[bytes], "Row | None"]
 RAW_FIELD = "data"
 """Holds the payload of messages that are not decoded."""
 
+ODD_FIELD = "_data"
+"""Holds the payload of a message that is not decoded among others that are, and may have a field `data`."""
+
 DIGEST_KEYS = {True: "md5sum", False: "topic_type_hash"}
 """What a channel's metadata calls the hash of its type, in ROS 1 and in ROS 2."""
 
@@ -58,7 +61,7 @@ class _Case:
             return ""
         return f"; pass definitions={{{self.schema.name!r}: <its .msg text>}} to decode it"
 
-    def give_up(self, why: str, hint: str = "") -> Decoder:
+    def give_up(self, why: str, hint: str = "", field: str = RAW_FIELD) -> Decoder:
         """Return what stands for a decoder where there is none, and tell the user.
 
         Raises:
@@ -70,10 +73,10 @@ class _Case:
         if how == "skip":
             self.warn(UndecodedWarning, f"{why}; it is left out{hint}")
             return _leave_out
-        self.warn(UndecodedWarning, f"{why}; its rows have the bytes of each as {RAW_FIELD!r}{hint}")
-        return _decode_nothing
+        self.warn(UndecodedWarning, f"{why}; its rows have the bytes of each as {field!r}{hint}")
+        return lambda payload: {field: payload}
 
-    def misfit(self) -> Callable[[bytes, Exception], Row | None]:
+    def misfit(self, field: str = ODD_FIELD) -> Callable[[bytes, Exception], Row | None]:
         """Return what takes a message that is not what its schema says; the user is told of the first one."""
         odd: list[Decoder] = []
 
@@ -81,7 +84,7 @@ class _Case:
             if not odd:
                 encoding = self.channel.message_encoding
                 what = f" has a message of {len(payload)} bytes that is no {self.schema.name} in {encoding}: {why}"
-                odd.append(self.give_up(f"{what}; such a message is not decoded", self.hint))
+                odd.append(self.give_up(f"{what}; such a message is not decoded", self.hint, field))
             return odd[0](payload)
 
         return take
@@ -97,7 +100,7 @@ def decoder(
 
     It raises a `ValueError` for a payload that is not in the encoding that the channel announces. Rows of an encoding
     that nobody here decodes, or whose schema cannot be used, have the payload as their only field; an
-    `UndecodedWarning` says so. So has a ROS message that is not what its definition says.
+    `UndecodedWarning` says so. So has, as `_data`, a ROS or protobuf message that is not what its definition says.
 
     Args:
         channel: The channel.
@@ -120,10 +123,6 @@ def decoder(
             f"{what if case.schema.encoding else f'{described}, of the type {name!r}'}: {error}", case.hint
         )
     return found or case.give_up(f"{described}, which is not decoded")
-
-
-def _decode_nothing(payload: bytes) -> Row:
-    return {RAW_FIELD: payload}
 
 
 def _leave_out(payload: bytes) -> None:
@@ -208,10 +207,11 @@ def _ros_decoder(case: _Case, *, is_ros1: bool) -> Decoder:
     )
     carries = case.decoding.on_unknown != "raise"
     described = (schema.name, schema.encoding, text)
-    misfit: ros_decode.Misfit | None = case.misfit() if carries else None
-    guesses = ros_decode.definition(*described, supply).guesses
-    if guesses:
-        for guess in guesses:
+    found = ros_decode.definition(*described, supply)
+    has_fields = bool(found.messages[found.root])
+    misfit: ros_decode.Misfit | None = case.misfit(ODD_FIELD if has_fields else RAW_FIELD) if carries else None
+    if found.guesses:
+        for guess in found.guesses:
             case.warn(ConversionWarning, f": {guess}; pass definitions={{{schema.name!r}: <its .msg text>}} to say it")
         misfit = _other_distributions(case, described, supply, misfit)
     return ros_decode.decoder(*described, is_ros1=is_ros1, supply=supply, replaced=replaced, misfit=misfit)
