@@ -94,8 +94,9 @@ class Recording(Mapping[str, TopicReader]):
             definitions: ROS types to their definitions, as text or the path of a `.msg` or `.idl` file: of types that
                 the files do not define, or instead of what they say.
             on_unknown: What comes of messages that cannot be decoded: "bytes" for rows that have them as `data`, or as
-                `_data` among messages that are decoded, and an UndecodedWarning; "skip" for no rows, and the warning; "raise" for an EncodingError where rows of that
-                topic are asked for, and a DamagedFileError where one message is not what its schema says.
+                `_data` among messages that are decoded, and an UndecodedWarning; "skip" for no rows, and the warning;
+                "raise" for an EncodingError where rows of that topic are asked for, and a DamagedFileError where one
+                message is not what its schema says.
 
         Raises:
             MissingRecordingError: There is none; also a FileNotFoundError.
