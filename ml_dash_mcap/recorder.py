@@ -255,7 +255,8 @@ class Recorder:
             of another row of the same topic and time; the file has written - merged), `steps_back` (how often the time
             of a row in the file lay more than 50 ms before that of the row appended to the topic before it),
             `steps_back_by_topic`, `bytes_written`, `segments` (finished ones), `failure` (why nothing can be written at
-            the moment, or None).
+            the moment, or None), `fallbacks` (how often the writer had to take a slower way, by what failed; empty if
+            all is well).
         """
         written = self._writer.rows_written  # first: it grows only by rows that were taken
         with self._journal.lock:
@@ -277,6 +278,7 @@ class Recorder:
             "bytes_written": self._blocks.bytes_written,
             "segments": [str(path) for path in self._blocks.finished],
             "failure": None if failure is None else str(failure),
+            "fallbacks": dict(self._blocks.fallbacks),
         }
 
     @property

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from . import clock
 from .errors import FieldError, TopicError, UsageError
 from .layout import OWN_TOPICS
-from .rows.encode import EXACT_KEY, TIME_KEY, dumps, exact, plain
+from .rows.encode import EXACT_KEY, TIME_KEY, dumps, exact, row_value
 from .timestamps import MISSING
 from .write import records
 from .write.channels import ChannelInfo
@@ -81,7 +81,7 @@ class Topic:
             _ts = self._time(_ts)
         fields[TIME_KEY] = _ts
         try:
-            payload = dumps(fields, plain)
+            payload = dumps(fields, row_value)
         except Exception:
             payload = exact(fields, self.name)
         else:
@@ -184,7 +184,7 @@ class Topic:
         """Return a Message record without its opcode; `fields` gets the time stamp."""
         fields[TIME_KEY] = time_s
         try:
-            payload = dumps(fields, plain)
+            payload = dumps(fields, row_value)
         except Exception:
             payload = exact(fields, self.name)
         else:

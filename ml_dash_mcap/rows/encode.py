@@ -1,39 +1,34 @@
 """A row to JSON bytes and back, without losing a bit.
 
-JSON has no NaN, no infinities and no bytes. They are written as `null` and as base64 text, and a side key of the
-row says where and what they were:
+JSON has no NaN, no infinities, no bytes and no arrays. They are written as `null` and as base64 text, and a side key
+of the row says where and what they were:
 
     {"q": [1.0, null], "img": "AAE=", "_exact": {"NaN": {"/q": [1]}, "bytes": {"": ["img"]}}, "_ts": 1.5}
 
 The side key maps a spelling to the containers that hold such values, each an RFC 6901 pointer with the keys or
-indices inside it.
+indices inside it. Small arrays are lists; large ones are spelled as `packed` says.
 """
 
 from __future__ import annotations
 
 import base64
-import contextlib
-import datetime
+import binascii
 import enum
 import json
 import math
-import os
-import uuid
-from collections.abc import Mapping
-from dataclasses import fields as dataclass_fields
-from dataclasses import is_dataclass
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import orjson
 
 from ..errors import FieldError, IntegerRangeError
-from . import frame_columns
+from . import foreign, packed
 
 TIME_KEY = "_ts"
 """The row's time stamp in its payload, in seconds; always the last key."""
 
 EXACT_KEY = "_exact"
-"""The side key that says which nulls were NaN or infinite and which strings were bytes."""
+"""The side key that says which nulls were NaN or infinite and which strings were bytes or arrays."""
 
 _SMALLEST_INT, _LARGEST_INT = -(2**63), 2**64 - 1
 _BULK = 64
@@ -42,91 +37,97 @@ _BULK = 64
 _MAX_DEPTH = 200
 """Containers nested deeper than this are refused (orjson's own limit is 254)."""
 
+_NUMBERS = "fiub"
+_BITS = (8, 16, 32, 64)
+_FRACTIONS = {float}
+
 _NONFINITE = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
 dumps = orjson.dumps
 
 
 def plain(value: Any) -> Any:
-    """Turn a value that orjson does not know into one that it does; orjson's `default` hook.
+    """Turn a value that orjson does not know into one that it does, arrays of any size into lists.
+
+    For orjson's `default` hook, as is `row_value`.
 
     Raises:
-        TypeError: There is no JSON for it (`exact` then says which field it was).
+        TypeError: There is no JSON for it.
     """
-    tolist = getattr(value, "tolist", None)
-    if tolist is not None and not isinstance(value, memoryview):
-        if _is_big_float_array(value):
-            return orjson.Fragment(orjson.dumps(_as_float64(value), option=orjson.OPT_SERIALIZE_NUMPY))
-        return _listed(value)
-    if isinstance(value, float):
-        return float(value)
-    if isinstance(value, tuple):
-        return list(value)
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    if isinstance(value, Mapping):
-        return dict(value)
-    if frame_columns.library_of(value) == "polars":
-        return _listed(value)
-    if hasattr(value, "__array__"):
-        import numpy as np
-
-        return _checked_list(value, np.asarray(value).tolist())
-    if frame_columns.is_missing(value):
-        return None
-    raise TypeError(f"Type is not JSON serializable: {type(value).__name__}")
+    return _plain(value, packs=False)
 
 
-def _listed(value: Any) -> Any:
-    """Return an array, or whatever else has `tolist`, as Python's own values."""
-    if getattr(getattr(value, "dtype", None), "kind", "O") in "fiub":
-        return _checked_list(value, value.tolist())
-    if frame_columns.library_of(value) is not None:
-        plain_value = frame_columns.plain(value)
-        return plain_value if isinstance(plain_value, list) else _checked_list(value, plain_value.tolist())
-    if getattr(getattr(value, "dtype", None), "kind", None) in ("M", "m"):
-        return _with_none(value.astype(str).tolist())
-    return _checked_list(value, value.tolist())
+def row_value(value: Any) -> Any:
+    """Do the same for a value in a row, of which large arrays are packed.
+
+    Raises:
+        TypeError: There is no JSON for it, or only with the side key (`exact` then says which field it was).
+    """
+    type_: Any = value.__class__
+    if type_ in _ARRAYS:
+        size, dtype = value.size, value.dtype
+        if dtype.kind in _NUMBERS:
+            if 0 < size <= _BULK:  # nearly all arrays in a control loop
+                return value.tolist()
+            if size and not packed.is_large(value) and dtype.itemsize <= 8:
+                return _bulk(value)
+    return _plain(value, packs=True)
 
 
-def _with_none(texts: Any) -> Any:
-    """Return numpy's times and spans as text, with None for what is none."""
-    if isinstance(texts, list):
-        return list(map(_with_none, texts))
-    return None if texts == "NaT" else texts
+_ARRAYS: set[type] = set()
+"""The types of numpy that `row_value` lists itself; empty until the first array comes, for nothing here loads numpy."""
 
 
-def _is_big_float_array(value: Any) -> bool:
-    dtype, size = getattr(value, "dtype", None), getattr(value, "size", None)
-    if not isinstance(size, int) or size <= _BULK or dtype is None:
-        return False
-    return getattr(dtype, "kind", None) == "f" and dtype.itemsize <= 8
+def _plain(value: Any, *, packs: bool) -> Any:
+    if isinstance(value, (bytes, enum.Enum)):
+        raise TypeError("only the side key says that it was bytes")
+    size = getattr(value, "size", None)
+    if not isinstance(size, int) or size > _BULK or not size:
+        array = foreign.array_of(value)
+        if array is not None:
+            if packs and packed.is_large(array):
+                raise TypeError("only the side key says which array it was")
+            if array.dtype.kind in _NUMBERS and array.dtype.itemsize <= 8 and array.size > _BULK:
+                return foreign.listed(array) if hasattr(array, "mask") else _bulk(array)
+            return foreign.checked(value, foreign.listed(array))
+    if not _ARRAYS and hasattr(value, "tolist"):
+        _learn_types()
+    return foreign.simple(value)
 
 
-def _as_float64(value: Any) -> Any:
+def _learn_types() -> None:
     import numpy as np
 
-    return np.ascontiguousarray(value, dtype=np.float64)
+    numbers = ("float64", "float32", "float16", "bool_", *(f"{sign}int{bits}" for sign in ("", "u") for bits in _BITS))
+    _ARRAYS.update([np.ndarray, *(getattr(np, name) for name in numbers)])
 
 
-def _checked_list(value: Any, listed: Any) -> Any:
-    if type(listed) is type(value):
-        raise TypeError(f"Type is not JSON serializable: {type(value).__name__}")
-    return listed
+def _bulk(array: Any) -> Any:
+    """Return an array of numbers as orjson formats it, which is what it makes of a list of them."""
+    import numpy as np
+
+    native = "f8" if array.dtype.kind == "f" else array.dtype.newbyteorder("=")
+    return orjson.Fragment(orjson.dumps(np.ascontiguousarray(array, native), option=orjson.OPT_SERIALIZE_NUMPY))
 
 
-def exact(fields: Mapping[str, Any], topic: str) -> bytes:
+def plain_list(value: Any) -> Any:
+    """Like `plain`, but never through an encoded fragment, so that every element can be looked at."""
+    return foreign.simple(value)
+
+
+def exact(fields: Mapping[str, Any], topic: str, *, packs: bool = True) -> bytes:
     """Encode a row that the fast path could not: one with bytes, non-finite numbers, odd keys, or a mistake in it.
 
     Args:
         fields: The row's fields, its time stamp under `_ts` last.
         topic: For the error messages.
+        packs: Whether large arrays are packed; otherwise they are lists.
 
     Raises:
-        FieldError: A value has no JSON; the message names the topic and the field.
+        FieldError: A value has no JSON, or two fields would be one; the message names the topic and the field.
         IntegerRangeError: An integer needs more than 64 bits.
     """
-    row = _with_notes(fields, topic)
+    row = _Encoder(topic, packs).row(fields)
     try:
         return orjson.dumps(row)
     except (TypeError, ValueError) as error:  # what is left: text with lone surrogates
@@ -135,7 +136,7 @@ def exact(fields: Mapping[str, Any], topic: str) -> bytes:
 
 def exact_as_read(fields: Mapping[str, Any]) -> bytes:
     """Encode a row that was read, which may hold what `exact` refuses: text with lone surrogates."""
-    return dumps_any(_with_notes(fields, ""))
+    return dumps_any(_Encoder("", packs=True, is_plain=True).row(fields))
 
 
 def dumps_any(value: Any) -> bytes:
@@ -164,20 +165,142 @@ def encodable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()
 
 
-def _with_notes(fields: Mapping[str, Any], topic: str) -> dict[str, Any]:
-    """Return a row with the side key before its time stamp, if it takes one."""
-    notes: dict[str, dict[str, list[str | int]]] = {}
-    row: dict[str, Any] = {}
-    time = None
-    for name, value in fields.items():
-        if name == TIME_KEY:
-            time = value
-            continue
-        row[name] = _convert(value, "", name, notes, (topic, name), 0)
-    if notes:
-        row[EXACT_KEY] = notes
-    row[TIME_KEY] = time
-    return row
+class _Encoder:
+    """Turns the values of one row into those of JSON, and notes what JSON cannot say."""
+
+    def __init__(self, topic: str, packs: bool, *, is_plain: bool = False) -> None:
+        """Begin a row.
+
+        Args:
+            topic: For the error messages.
+            packs: Whether large arrays are packed; otherwise they are lists.
+            is_plain: Whether the row becomes what any encoder knows, and not only orjson.
+        """
+        self.notes: dict[str, dict[str, list[str | int]]] = {}
+        """The side key."""
+        self._packs = packs
+        self._is_plain = is_plain
+        self._topic = topic
+        self._field: Any = None
+
+    def row(self, fields: Mapping[Any, Any]) -> dict[str, Any]:
+        """Return the row's JSON values by field, the side key if it takes one, and its time stamp."""
+        row: dict[str, Any] = {}
+        keys: dict[str, Any] = {}
+        for key, value in fields.items():
+            name = self._field = key
+            if key.__class__ is not str:
+                name = self._name(key, keys)
+            elif key == TIME_KEY:
+                continue
+            row[name] = self._convert(value, "", name, 0)
+        if len(row) < len(fields) - (TIME_KEY in fields):
+            self._keys(fields)
+        if self.notes:
+            row[EXACT_KEY] = self.notes
+        row[TIME_KEY] = fields.get(TIME_KEY)
+        return row
+
+    def _name(self, key: Any, keys: dict[str, Any]) -> str:
+        """Return the name of a field whose key is of a type of its own."""
+        if not isinstance(key, str):
+            raise FieldError(f"{self._where()}: the name of a field is text, not a {type(key).__name__}")
+        name = self._key(key, keys)
+        if name in (TIME_KEY, EXACT_KEY):
+            raise FieldError(
+                f"append() on topic {self._topic!r}: the field name {key!r} stands for {name!r}, which is reserved;"
+                " rename it"
+            )
+        return name
+
+    def _keys(self, mapping: Mapping[Any, Any]) -> list[str]:
+        """Return the text of each key."""
+        if set(map(type, mapping)) <= {str}:
+            return list(mapping)
+        keys: dict[str, Any] = {}
+        return [self._key(key, keys) for key in mapping]
+
+    def _key(self, key: Any, keys: dict[str, Any]) -> str:
+        """Return the text of a key of a dict; `keys` are those that the dict has so far, by their text."""
+        try:
+            text = foreign.key_text(key)
+        except TypeError as error:
+            raise FieldError(f"{self._where()} {error}") from error
+        if text in keys:
+            both = f"the keys {keys[text]!r} and {key!r}, which are both {text!r} in JSON"
+            raise FieldError(f"{self._where()} has {both}; rename one")
+        keys[text] = key
+        return text
+
+    def _where(self) -> str:
+        return f"append() on topic {self._topic!r}: field {self._field!r}"
+
+    def _note(self, spelling: str, parent: str, key: str | int) -> None:
+        self.notes.setdefault(spelling, {}).setdefault(parent, []).append(key)
+
+    def _convert(self, value: Any, parent: str, key: str | int, depth: int) -> Any:
+        """Return the JSON value of one field or element."""
+        if value.__class__ is float:
+            return value if value - value == 0.0 else self._fraction(value, parent, key)
+        if value is None or value.__class__ is str:
+            return value
+        if depth > _MAX_DEPTH:
+            raise FieldError(f"{self._where()} is nested deeper than {_MAX_DEPTH} levels")
+        if isinstance(value, enum.Enum):
+            return self._convert(value.value, parent, key, depth + 1)
+        if isinstance(value, (bool, str)):
+            return value
+        if isinstance(value, int):
+            return self._integer(value)
+        if isinstance(value, float):
+            return self._fraction(float(value), parent, key)
+        if isinstance(value, (bytes, bytearray)) or (isinstance(value, memoryview) and foreign.is_bytes(value)):
+            self._note("bytes", parent, key)
+            return self._base64(binascii.b2a_base64(bytes(value), newline=False))
+        if isinstance(value, (Mapping, list, tuple)):
+            return self._container(value, f"{parent}/{_escape(key)}", depth + 1)
+        return self._foreign(value, parent, key, depth)
+
+    def _integer(self, value: int) -> int:
+        if not _SMALLEST_INT <= value <= _LARGEST_INT:
+            raise IntegerRangeError(
+                f"{self._where()} has the integer {_shorten(value)}, which 64 bits cannot hold; log it as a float or"
+                " as text"
+            )
+        return int(value)
+
+    def _fraction(self, value: float, parent: str, key: str | int) -> float | None:
+        if math.isfinite(value):
+            return value
+        self._note("NaN" if value != value else "Infinity" if value > 0 else "-Infinity", parent, key)
+        return None
+
+    def _container(self, value: Any, pointer: str, depth: int) -> Any:
+        if not isinstance(value, Mapping):
+            if set(map(type, value)) == _FRACTIONS and all(map(math.isfinite, value)):
+                return value
+            return [self._convert(inner, pointer, index, depth) for index, inner in enumerate(value)]
+        named = zip(self._keys(value), value.values(), strict=True)
+        return {name: self._convert(inner, pointer, name, depth) for name, inner in named}
+
+    def _base64(self, text: bytes) -> Any:
+        """Return base64 as JSON; orjson copies it as it is."""
+        return text.decode() if self._is_plain else orjson.Fragment(b'"%b"' % text)
+
+    def _foreign(self, value: Any, parent: str, key: str | int, depth: int) -> Any:
+        try:
+            array = foreign.large_array_of(value) if self._packs else None
+            simpler = foreign.simple(value) if array is None else None
+        except Exception as error:  # what a foreign object's own methods raise
+            kind = f"{type(value).__module__}.{type(value).__qualname__}"
+            raise FieldError(
+                f"{self._where()} holds a {kind}, which cannot be stored; {foreign.advice(value)}"
+            ) from error
+        if array is None:
+            return self._convert(simpler, parent, key, depth + 1)
+        text, spelling = packed.pack(array)
+        self._note(spelling, parent, key)
+        return self._base64(text)
 
 
 def restore(row: dict[str, Any]) -> dict[str, Any]:
@@ -185,6 +308,15 @@ def restore(row: dict[str, Any]) -> dict[str, Any]:
 
     Notes that do not fit the row (a foreign file may hold anything) are ignored.
     """
+    return _restore(row, _value_of)
+
+
+def restore_kinds(row: dict[str, Any]) -> dict[str, Any]:
+    """Do the same where only the kinds of the values matter: bytes and arrays become empty bytes."""
+    return _restore(row, lambda spelling, text: b"" if spelling == "bytes" or packed.is_spelling(spelling) else None)
+
+
+def _restore(row: dict[str, Any], value_of: Callable[[str, str], Any]) -> dict[str, Any]:
     notes = row.pop(EXACT_KEY, None)
     if not isinstance(notes, dict):
         return row
@@ -194,93 +326,8 @@ def restore(row: dict[str, Any]) -> dict[str, Any]:
         for pointer, keys in containers.items():
             container = _resolve(row, pointer)
             for key in keys if isinstance(keys, list) else ():
-                _put_back(container, key, spelling)
+                _put_back(container, key, spelling, value_of)
     return row
-
-
-def _convert(value: Any, parent: str, key: str | int, notes: Any, where: tuple[str, str], depth: int) -> Any:
-    """Return the JSON value of one field or element, noting what JSON cannot say."""
-    if value is None or isinstance(value, (bool, str)):
-        return value.value if isinstance(value, enum.Enum) else value
-    if isinstance(value, enum.Enum):
-        return _convert(value.value, parent, key, notes, where, depth)
-    if isinstance(value, int):
-        if not _SMALLEST_INT <= value <= _LARGEST_INT:
-            raise IntegerRangeError(
-                f"append() on topic {where[0]!r}: field {where[1]!r} has the integer {_shorten(value)}, which 64 bits"
-                " cannot hold; log it as a float or as text"
-            )
-        return int(value)
-    if isinstance(value, float):
-        if math.isfinite(value):
-            return float(value)
-        spelling = "NaN" if value != value else "Infinity" if value > 0 else "-Infinity"
-        notes.setdefault(spelling, {}).setdefault(parent, []).append(key)
-        return None
-    if isinstance(value, (bytes, bytearray, memoryview)):
-        notes.setdefault("bytes", {}).setdefault(parent, []).append(key)
-        return base64.b64encode(value).decode("ascii")
-    if depth > _MAX_DEPTH:
-        raise FieldError(
-            f"append() on topic {where[0]!r}: field {where[1]!r} is nested deeper than {_MAX_DEPTH} levels"
-        )
-    if isinstance(value, (Mapping, list, tuple)):
-        return _convert_container(value, f"{parent}/{_escape(key)}", notes, where, depth + 1)
-    return _convert(_simpler(value, where), parent, key, notes, where, depth + 1)
-
-
-def _convert_container(value: Any, pointer: str, notes: Any, where: tuple[str, str], depth: int) -> Any:
-    if isinstance(value, Mapping):
-        named = [(_key_text(key, where), inner) for key, inner in value.items()]
-        return {name: _convert(inner, pointer, name, notes, where, depth) for name, inner in named}
-    return [_convert(inner, pointer, index, notes, where, depth) for index, inner in enumerate(value)]
-
-
-def _simpler(value: Any, where: tuple[str, str]) -> Any:
-    """Return what an object stands for, as values that `_convert` knows."""
-    if frame_columns.library_of(value) == "pandas" and not hasattr(value, "tolist"):
-        return _of_pandas(value)
-    if is_dataclass(value) and not isinstance(value, type):
-        names = [field.name for field in dataclass_fields(value) if not field.name.startswith("_")]
-        return {name: getattr(value, name) for name in names}
-    if isinstance(value, (datetime.datetime, datetime.date, datetime.time)):
-        return value.isoformat()
-    if isinstance(value, uuid.UUID):
-        return str(value)
-    try:
-        return plain_list(value)
-    except Exception as error:  # what a foreign object's own methods raise
-        raise FieldError(
-            f"append() on topic {where[0]!r}: field {where[1]!r} holds a {type(value).__module__}."
-            f"{type(value).__qualname__}, which cannot be stored; pass numbers, text, bytes, lists, dicts or arrays"
-        ) from error
-
-
-def _of_pandas(value: Any) -> Any:
-    """Return what a single value of pandas stands for: times and spans are text as ISO 8601 has them."""
-    if frame_columns.is_missing(value):
-        return None
-    if hasattr(value, "columns"):
-        return frame_columns.plain(value)
-    return value.isoformat() if hasattr(value, "isoformat") else str(value)
-
-
-def plain_list(value: Any) -> Any:
-    """Like `plain`, but never through an encoded fragment, so that every element can be looked at."""
-    return _listed(value) if hasattr(value, "tolist") else plain(value)
-
-
-def _key_text(key: Any, where: tuple[str, str]) -> str:
-    """Spell a nested dict's key as `json.dumps` would."""
-    if isinstance(key, str):
-        return str(key)
-    if key is None or isinstance(key, bool):
-        return {None: "null", True: "true", False: "false"}[key]
-    if isinstance(key, (int, float)):
-        return repr(key)
-    raise FieldError(
-        f"append() on topic {where[0]!r}: field {where[1]!r} has a dict with the key {key!r}; keys must be text"
-    )
 
 
 def _name_culprit(row: dict[str, Any]) -> str:
@@ -312,7 +359,7 @@ def _resolve(row: Any, pointer: str) -> Any:
     return container
 
 
-def _put_back(container: Any, key: Any, spelling: str) -> None:
+def _put_back(container: Any, key: Any, spelling: str, value_of: Callable[[str, str], Any]) -> None:
     if isinstance(container, list):
         present = isinstance(key, int) and 0 <= key < len(container)
     else:
@@ -321,6 +368,17 @@ def _put_back(container: Any, key: Any, spelling: str) -> None:
         return
     if spelling in _NONFINITE and container[key] is None:
         container[key] = _NONFINITE[spelling]
-    elif spelling == "bytes" and isinstance(container[key], str):
-        with contextlib.suppress(ValueError):
-            container[key] = base64.b64decode(container[key], validate=True)
+    elif isinstance(container[key], str):
+        value = value_of(spelling, container[key])
+        if value is not None:
+            container[key] = value
+
+
+def _value_of(spelling: str, text: str) -> Any:
+    """Return the bytes or the array that a base64 text stands for; None if it stands for neither."""
+    if spelling != "bytes":
+        return packed.unpack(text, spelling)
+    try:
+        return base64.b64decode(text, validate=True)
+    except ValueError:
+        return None

@@ -10,6 +10,7 @@ from typing import Any
 
 _NUMBERS = "fiub"
 _MISSING = ("NAType", "NaTType")
+_SPELLED = ("Interval", "Period")
 _LIBRARIES = ("pandas", "polars", "pyarrow")
 
 
@@ -44,6 +45,26 @@ def library_of(value: Any) -> str | None:
 def is_missing(value: Any) -> bool:
     """Whether a value is pandas' NA or NaT."""
     return type(value).__name__ in _MISSING and library_of(value) == "pandas"
+
+
+def plain_value(value: Any) -> Any:
+    """Return what a value of these libraries stands for; pandas' times and spans are text as ISO 8601 has them.
+
+    Raises:
+        TypeError: It is neither a column nor a single value.
+    """
+    if is_missing(value):
+        return None
+    column = plain(value)
+    if column is not value:
+        return column
+    if hasattr(value, "as_py"):
+        return value.as_py()
+    if hasattr(value, "isoformat"):
+        return value.isoformat()
+    if type(value).__name__ in _SPELLED:
+        return str(value)
+    raise TypeError(f"Type is not JSON serializable: {type(value).__name__}")
 
 
 def _of_pandas(column: Any) -> Any:

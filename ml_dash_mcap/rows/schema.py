@@ -16,15 +16,28 @@ from .encode import TIME_KEY
 MAX_FIELDS = 4000
 """Fields of a topic, nested ones included, beyond which further ones are left out of its schema."""
 
+_LONGEST_NAME, _NAME_LETTERS = 4096, 512 * 1024
+"""Fields with longer names are left out of the schema, and so are those beyond so many letters in all names of a
+topic: the schema stands in each segment, with room to grow."""
+
+
+class Unsaid:
+    """Stands for a value of which nothing is known: its field is left out of the schema."""
+
 
 class Shape:
     """The kinds of value that one field has had so far, with the shapes of what it contains."""
 
-    __slots__ = ("fields", "items", "kinds", "longest", "shortest")
+    __slots__ = ("_room", "fields", "items", "kinds", "longest", "shortest")
 
-    def __init__(self) -> None:
+    def __init__(self, room: list[int] | None = None) -> None:
+        """Begin with nothing.
+
+        Args:
+            room: Fields and letters of names that the whole topic may still have, shared by all its shapes.
+        """
         self.kinds: set[str] = set()
-        """Of null, boolean, integer, number, string, bytes, object, array."""
+        """Of null, boolean, integer, number, string, bytes, object, array, unsaid."""
         self.fields: dict[str, Shape] = {}
         """Of the objects: every key seen."""
         self.items: Shape | None = None
@@ -32,6 +45,7 @@ class Shape:
         self.shortest: int | None = None
         self.longest: int = 0
         """Of the arrays: their lengths."""
+        self._room = [MAX_FIELDS, _NAME_LETTERS] if room is None else room
 
     def add(self, value: Any) -> bool:
         """Widen by one value; returns whether that changed anything."""
@@ -49,9 +63,12 @@ class Shape:
         for name, inner in value.items():
             shape = self.fields.get(name)
             if shape is None:
-                if len(self.fields) >= MAX_FIELDS:
+                room = self._room
+                if room[0] <= 0 or len(name) > min(_LONGEST_NAME, room[1]):
                     continue
-                shape = self.fields[name] = Shape()
+                room[0] -= 1
+                room[1] -= len(name)
+                shape = self.fields[name] = Shape(room)
             changed |= shape.add(inner)
         return changed
 
@@ -60,11 +77,22 @@ class Shape:
         changed = self.shortest is None or length < self.shortest or length > self.longest
         self.shortest = length if self.shortest is None else min(self.shortest, length)
         self.longest = max(self.longest, length)
-        if value:
-            if self.items is None:
-                self.items = Shape()
-            for inner in value:
-                changed |= self.items.add(inner)
+        if not value:
+            return changed
+        if self.items is None:
+            self.items = Shape(self._room)
+        return self.items._add_elements(value) or changed
+
+    def _add_elements(self, values: list[Any]) -> bool:
+        """Widen by the elements of an array; of arrays in it, which no schema has words for, by no more than that."""
+        types = set(map(type, values))
+        kinds = {_KINDS.get(type_, "bytes") for type_ in types}
+        changed = not kinds <= self.kinds
+        self.kinds |= kinds
+        if dict in types:
+            for value in values:
+                if type(value) is dict:
+                    changed |= self._add_fields(value)
         return changed
 
     def has_integers(self) -> bool:
@@ -78,18 +106,19 @@ class Shape:
 
 
 def _kind(value: Any) -> str:
-    if value is None:
-        return "null"
-    return _KINDS[type(value)]
+    """Return the kind of a value; a packed array stands in the row as bytes do."""
+    return _KINDS.get(type(value), "bytes")
 
 
 _KINDS = {
+    type(None): "null",
     bool: "boolean",
     int: "integer",
     float: "number",
     str: "string",
     bytes: "bytes",
     dict: "object",
+    Unsaid: "unsaid",
     list: "array",
 }
 
@@ -119,7 +148,7 @@ def _say(shape: Shape, budget: list[int]) -> dict[str, Any] | None:
     kinds = shape.kinds - {"null"}
     if kinds == {"integer", "number"}:
         kinds = {"number"}
-    if len(kinds) != 1 or budget[0] <= 0:
+    if len(kinds) != 1 or budget[0] <= 0 or kinds == {"unsaid"}:
         return None
     budget[0] -= 1
     (kind,) = kinds

@@ -17,20 +17,42 @@ import numpy as np
 import numpy.typing as npt
 import orjson
 
-from .encode import EXACT_KEY, restore
-from .schema import Shape
+from . import outline
+from .encode import EXACT_KEY, restore_kinds
+from .schema import Shape, Unsaid, infer
 
 Bytes = npt.NDArray[np.uint8]
 Offsets = npt.NDArray[np.int64]
 
-_KNOWN_LIMIT = 64
-_KNOWN_LIMIT_LONG = 2
 _LONG = 4096
-"""Skeletons of one topic and one length that are remembered, fewer of the long ones (free text and base64 make a new
-one each row); a skeleton is long from this many bytes."""
+"""A skeleton is long from this many bytes. Free text and base64 make a new long one each row, so few are remembered."""
+
+_MOST_LONG = 8
+"""Long skeletons that are remembered of one topic and block."""
+
+_MOST_FORMS = 1024
+"""Forms that are told apart in one block; the rows of further ones are decoded, and widen the shape."""
+
+_MOST_BYTES = 1024 * 1024
+"""What one topic remembers from block to block, in bytes, about; it begins anew with more."""
+
+_ROUNDS = 8
+"""Forms of one length that are looked for in all rows at once; then each row is looked up by itself."""
+
+LONG_ROW_BYTES = 256 * 1024
+"""Rows from this many bytes on are decoded: a skeleton would take many times their memory, and hardly ever recur."""
+
+_MOST_VALUES = 1024 * 1024
+"""Rows with more values are not decoded as a whole: each takes up to 100 bytes, and orjson crashes without memory."""
+
+UNKNOWN = -1
+"""The form of rows of which nothing is known but that they may hold anything."""
 
 _NO_ITEMS = b"[]"
 """The skeleton of an empty array, and of one that holds a single integer."""
+
+_FORM_BYTES, _KEY_BYTES = 400, 60
+"""What a form or a skeleton takes besides its text, and a form for each of its keys, about."""
 
 _QUOTE, _MINUS, _ZERO, _NINE, _COLON, _BACKSLASH, _E = (ord(character) for character in '"-09:\\e')
 
@@ -47,6 +69,11 @@ class Form:
     """Whether a part was an integer, which a number without a point, as in `1e16`, could contradict."""
 
 
+def _values(payload: bytes) -> int:
+    """Return how many values an encoded row has at most."""
+    return payload.count(b",") + payload.count(b"[") + payload.count(b"{")
+
+
 class Skeletons:
     """The skeletons of one topic so far, and the shape of the rows behind them. Used by the writer thread only."""
 
@@ -55,18 +82,46 @@ class Skeletons:
         self.forms: list[Form] = []
         self.latest: tuple[bytes, int] | None = None
         """A skeleton that was seen lately, and its form."""
-        self._known: dict[int, list[tuple[Bytes, int]]] = {}
+        self.size = 0
+        """How much is remembered, in bytes, about."""
+        self._known: dict[bytes, int] = {}
+        self._numbers: dict[Form, int] = {}
+        self._long = 0
 
-    def learn(self, payload: bytes, skeleton: bytes = b"[]") -> int:
-        """Decode one row and widen the topic's shape by it; returns the number of its form."""
+    def begin_block(self) -> None:
+        """Begin a block; forms that were returned before may have been forgotten."""
+        self._long = 0
+        if self.size > _MOST_BYTES or len(self.forms) >= _MOST_FORMS:
+            self.forget()
+
+    def forget(self) -> None:
+        """Forget all but the shape."""
+        self.forms, self._known, self._numbers = [], {}, {}
+        self.latest = None
+        self.size = self._long = 0
+
+    def learn(self, payload: bytes, skeleton: bytes = _NO_ITEMS) -> int:
+        """Decode one row and widen the topic's shape by it; returns the number of its form, or `UNKNOWN`."""
+        if len(payload) > _MOST_VALUES and _values(payload) > _MOST_VALUES:
+            self._learn_huge(payload)
+            return UNKNOWN
         row: dict[str, Any] = orjson.loads(payload)
         keys = frozenset(row)
-        row = restore(row)
-        alone = Shape()
-        alone.add(row)
-        self.shape.add(row)
-        self.forms.append(Form(keys, _NO_ITEMS not in skeleton and EXACT_KEY not in keys, alone.has_integers()))
-        return len(self.forms) - 1
+        self.shape.add(restore_kinds(row))
+        if len(self.forms) >= _MOST_FORMS:
+            return UNKNOWN
+        is_certain = EXACT_KEY not in keys and _NO_ITEMS not in skeleton
+        form = Form(keys, is_certain, is_certain and infer([row]).has_integers())
+        number = self._numbers.setdefault(form, len(self.forms))
+        if number == len(self.forms):
+            self.forms.append(form)
+            self.size += _FORM_BYTES + sum(map(len, keys)) + _KEY_BYTES * len(keys)
+        return number
+
+    def _learn_huge(self, payload: bytes) -> None:
+        """Widen the shape by the fields of a row, but leave those that are lists and dicts out of the schema."""
+        row = restore_kinds(orjson.loads(outline.of(payload)))
+        self.shape.add({name: Unsaid() if isinstance(value, (list, dict)) else value for name, value in row.items()})
 
     def classify(self, bones: Bones, rows: Offsets) -> npt.NDArray[np.int32]:
         """Find the form of each row, learning the new ones.
@@ -76,60 +131,60 @@ class Skeletons:
             rows: Numbers of this topic's rows in the block, [N].
 
         Returns:
-            The form of each row, [N]: its index in `forms`.
+            The form of each row, [N]: its index in `forms`, or `UNKNOWN`.
         """
-        forms = np.full(len(rows), -1, np.int32)
+        forms = np.full(len(rows), UNKNOWN, np.int32)
         starts, lengths = bones.starts[rows], bones.lengths[rows]
-        for length in np.unique(lengths):
-            same = np.flatnonzero(lengths == length)
-            skeletons = bones.kept[starts[same, None] + np.arange(length)]
-            self._classify_length(bones, rows[same], skeletons, forms, same)
+        order = np.argsort(lengths, kind="stable")
+        edges = np.flatnonzero(np.diff(lengths[order])) + 1
+        for same in np.split(order, edges):
+            length = int(lengths[same[0]]) if len(same) else 0
+            self._classify_length(bones, rows[same], starts[same], length, forms, same)
         return forms
 
     def _classify_length(
-        self, bones: Bones, rows: Offsets, skeletons: Bytes, forms: npt.NDArray[np.int32], at: Offsets
+        self, bones: Bones, rows: Offsets, starts: Offsets, length: int, forms: npt.NDArray[np.int32], at: Offsets
     ) -> None:
-        known = self._known.setdefault(skeletons.shape[1], [])
-        limit = _KNOWN_LIMIT if skeletons.shape[1] < _LONG else _KNOWN_LIMIT_LONG
+        """Find the forms of rows whose skeletons have one length: of many at once, then of the others one by one."""
         pending = np.arange(len(rows))
-        for skeleton, form in known:
+        for _ in range(_ROUNDS):
             if not len(pending):
                 return
-            pending = self._match(bones, rows, skeletons, skeleton, form, pending, forms, at)
-        while len(pending):
-            first = pending[0]
-            form = self.learn(bones.payload(int(rows[first])), skeletons[first].tobytes())
-            forms[at[first]] = form
-            if not self.forms[form].certain:
-                pending = pending[1:]
+            first = int(pending[0])
+            skeleton = bones.skeleton(int(starts[first]), length)
+            form = forms[at[first]] = self._form_of(bones, int(rows[first]), skeleton)
+            pending = pending[1:]
+            if form == UNKNOWN or not self.forms[form].certain or not len(pending):
                 continue
-            skeleton = skeletons[first].copy()
-            if len(known) < limit:
-                known.append((skeleton, form))
-            else:
-                known[form % limit] = (skeleton, form)
-            pending = self._match(bones, rows, skeletons, skeleton, form, pending[1:], forms, at)
-
-    def _match(
-        self,
-        bones: Bones,
-        rows: Offsets,
-        skeletons: Bytes,
-        skeleton: Bytes,
-        form: int,
-        pending: Offsets,
-        forms: npt.NDArray[np.int32],
-        at: Offsets,
-    ) -> Offsets:
-        """Give the rows with this skeleton its form; returns the rows that are still without one."""
-        equal = (skeletons[pending] == skeleton).all(axis=1)
-        if self.forms[form].integers:
-            equal &= ~bones.has_exponent(rows[pending])
-        if equal.any():
+            equal = bones.are(starts[pending], skeleton)
+            if self.forms[form].integers:
+                equal &= ~bones.has_exponent(rows[pending])
             forms[at[pending[equal]]] = form
-            self.latest = (skeleton.tobytes(), form)
-        left: Offsets = pending[~equal]
-        return left
+            pending = pending[~equal]
+        for row in pending.tolist():
+            skeleton = bones.skeleton(int(starts[row]), length)
+            forms[at[row]] = self._form_of(bones, int(rows[row]), skeleton)
+
+    def _form_of(self, bones: Bones, row: int, skeleton: bytes) -> int:
+        """Return the form of one row, from what is known of its skeleton or by decoding it."""
+        form = self._known.get(skeleton)
+        if form is None or (self.forms[form].integers and bones.has_exponent(np.array([row]))[0]):
+            form = self.learn(bones.payload(row), skeleton)
+            if form == UNKNOWN or not self.forms[form].certain or not self._remember(skeleton, form):
+                return form
+        self.latest = (skeleton, form)
+        return form
+
+    def _remember(self, skeleton: bytes, form: int) -> bool:
+        """Remember a skeleton, unless too many long ones are; returns whether it is."""
+        if skeleton not in self._known:
+            if len(skeleton) >= _LONG:
+                self._long += 1
+                if self._long > _MOST_LONG:
+                    return False
+            self.size += len(skeleton) + _FORM_BYTES
+        self._known[skeleton] = form
+        return True
 
 
 def guess(
@@ -150,6 +205,8 @@ def guess(
     if not latest.keys() >= set(numbers):
         return None
     texts = {number: text for number, (text, _) in latest.items()}
+    if sum([len(texts[number]) for number in numbers]) != len(bones.kept):
+        return None  # before more is joined than the block holds
     if b"".join([texts[number] for number in numbers]) != bones.kept.tobytes():
         return None
     if any(of_channel[number].forms[form].integers for number, (_, form) in latest.items()) and bones.has_exponents:
@@ -179,10 +236,11 @@ class Bones:
         keep &= data != _MINUS
         keep[(starts - head)[:, None] + np.arange(head)] = False
         at, kept = _without_exponents(data, np.flatnonzero(keep))
-        spans = np.concatenate((_cut_keys(at, kept), _rows_with_backslash(at, kept, starts, ends)))
-        if len(spans):
-            keep[spans] = True
-            at, kept = _without_exponents(data, np.flatnonzero(keep), spans)
+        spared = _spared(len(data), _cut_keys(at, kept), _rows_with_backslash(at, kept, starts, ends))
+        if spared is not None:
+            keep |= spared
+            del at, kept
+            at, kept = _without_exponents(data, np.flatnonzero(keep), spared)
         self.kept = kept
         self._at = at
 
@@ -199,6 +257,17 @@ class Bones:
     def payload(self, row: int) -> bytes:
         """Return the encoded row."""
         return self._data[self._row_starts[row] : self._row_ends[row]].tobytes()
+
+    def skeleton(self, start: int, length: int) -> bytes:
+        """Return one skeleton."""
+        return self.kept[start : start + length].tobytes()
+
+    def are(self, starts: Offsets, skeleton: bytes) -> npt.NDArray[np.bool_]:
+        """Tell which of the skeletons of one length that start there are a given one, [N]."""
+        if not skeleton:
+            return np.ones(len(starts), np.bool_)
+        every = np.lib.stride_tricks.sliding_window_view(self.kept, len(skeleton))
+        return np.asarray((every[starts] == np.frombuffer(skeleton, np.uint8)).all(axis=1))
 
     @cached_property
     def _exponents(self) -> Offsets:
@@ -217,13 +286,13 @@ class Bones:
         return np.asarray(np.searchsorted(self._exponents, self._row_ends[rows]) > low)
 
 
-def _without_exponents(data: Bytes, at: Offsets, spans: Offsets | None = None) -> tuple[Offsets, Bytes]:
+def _without_exponents(data: Bytes, at: Offsets, spared: npt.NDArray[np.bool_] | None = None) -> tuple[Offsets, Bytes]:
     """Leave out each `e` behind a digit.
 
     Args:
         data: The block.
         at: Where in it the bytes lie that are kept.
-        spans: Where it stays nevertheless.
+        spared: Which bytes of the block stay nevertheless.
 
     Returns:
         Where the bytes lie that are left, and these.
@@ -232,10 +301,8 @@ def _without_exponents(data: Bytes, at: Offsets, spans: Offsets | None = None) -
     exponents = np.flatnonzero(kept == _E)
     before = data[at[exponents] - 1] - np.uint8(_ZERO)
     exponents = exponents[before <= _NINE - _ZERO]
-    if spans is not None and len(exponents):
-        is_kept = np.zeros(len(data), np.bool_)  # np.isin would sort the spans
-        is_kept[spans] = True
-        exponents = exponents[~is_kept[at[exponents]]]
+    if spared is not None and len(exponents):
+        exponents = exponents[~spared[at[exponents]]]
     if not len(exponents):
         return at, kept
     stays = np.ones(len(at), np.bool_)
@@ -243,8 +310,12 @@ def _without_exponents(data: Bytes, at: Offsets, spans: Offsets | None = None) -
     return at[stays], kept[stays]
 
 
-def _cut_keys(at: Offsets, kept: Bytes) -> Offsets:
-    """Return where the bytes of those keys lie that have lost some: `q1` and `q2` are different.
+Spans = tuple[Offsets, Offsets]
+"""The first and the last byte of each, [N]; those of one call do not overlap."""
+
+
+def _cut_keys(at: Offsets, kept: Bytes) -> Spans:
+    """Return where those keys lie that have lost bytes: `q1` and `q2` are different.
 
     Args:
         at: Where in the block the bytes lie that are kept.
@@ -256,22 +327,22 @@ def _cut_keys(at: Offsets, kept: Bytes) -> Offsets:
     closing = closing[closing > 0]
     first, last = quotes[closing - 1], quotes[closing]
     lost = at[last] - at[first] != last - first
-    return _ranges(at[first[lost]], at[last[lost]])
+    return at[first[lost]], at[last[lost]]
 
 
-def _rows_with_backslash(at: Offsets, kept: Bytes, starts: Offsets, ends: Offsets) -> Offsets:
-    """Return where the bytes of those rows lie in which a quote may be text: all of them are kept."""
+def _rows_with_backslash(at: Offsets, kept: Bytes, starts: Offsets, ends: Offsets) -> Spans:
+    """Return where those rows lie in which a quote may be text: all their bytes are kept."""
     backslashes = at[np.flatnonzero(kept == _BACKSLASH)]
-    if not len(backslashes):
-        return backslashes
     rows = np.unique(np.searchsorted(starts, backslashes, side="right") - 1)
-    return _ranges(starts[rows], ends[rows] - 1)
+    return starts[rows], ends[rows] - 1
 
 
-def _ranges(firsts: Offsets, lasts: Offsets) -> Offsets:
-    """Return all numbers from each first one to its last one."""
-    lengths = lasts - firsts + 1
-    ends = np.cumsum(lengths)
-    within: Offsets = np.arange(int(ends[-1]) if len(ends) else 0)
-    ranges: Offsets = within + np.repeat(firsts - (ends - lengths), lengths)
-    return ranges
+def _spared(size: int, *spans: Spans) -> npt.NDArray[np.bool_] | None:
+    """Tell which of so many bytes lie in any of some spans; None if there are none."""
+    if not any(len(firsts) for firsts, _ in spans):
+        return None
+    steps = np.zeros(size + 1, np.int8)
+    for firsts, lasts in spans:
+        np.add.at(steps, firsts, 1)
+        np.subtract.at(steps, lasts + 1, 1)
+    return np.asarray(np.cumsum(steps[:-1], dtype=np.int8) > 0)

@@ -140,7 +140,7 @@ def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
 
 def _as_stored(name: str, value: Any) -> Any:
     """Return a value as it comes back from the file: a copy, made of plain types."""
-    return encode.restore(orjson.loads(encode.exact({name: value}, PARAMETERS_RECORD)))[name]
+    return encode.restore(orjson.loads(encode.exact({name: value}, PARAMETERS_RECORD, packs=False)))[name]
 
 
 def _fields(value: Any) -> dict[str, Any] | None:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.ma  # numpy.unique() would load it at the first block: 20 ms, beside a control loop
@@ -21,12 +22,13 @@ from .. import clock
 from ..layout import ACTIVE_SUFFIX, DROPS_RECORD, PARAMETERS_RECORD, SEGMENT_SUFFIX, STEPS_RECORD, TRACK
 from ..options import RecorderOptions
 from ..rows import schema as schemas
-from ..rows.skeleton import Bones, Skeletons, guess
+from ..rows.schema import Shape
+from ..rows.skeleton import LONG_ROW_BYTES, UNKNOWN, Bones, Skeletons, guess
 from . import event_times, records
 from .channels import ChannelInfo
-from .chunk import Compressor, build, compressor
-from .merging import merge_same_time
-from .rows import Block, Rows, pack, split
+from .chunk import UNCOMPRESSED, Chunk, Compressor, build, compressor
+from .merging import merge_each, merge_same_time
+from .rows import Block, Rows, pack, split, taken
 from .segment import Segment
 from .steps import Steps
 
@@ -38,6 +40,10 @@ _SPARE_BYTES = 512
 _OWN_CHUNK_BYTES = 32 * 1024
 """A topic with so many bytes in a block gets a chunk of its own there: who wants that topic unpacks nothing else. For
 fewer, the chunk's head and index and a read of their own cost more than that saves."""
+
+
+_SKELETON_BYTES = 8 * 1024 * 1024
+"""What is remembered of the forms of rows of all topics, in bytes, about; with more, all begin anew."""
 
 
 @dataclass(slots=True)
@@ -95,6 +101,10 @@ class BlockWriter:
         """epoch, relative (starts near 0), mixed or unknown: how the tracks' time stamps look."""
         self.first_block = first_block
         """Number of the next block with rows; recovery tells by it which blocks are in a file."""
+        self._begun: tuple[Block, Rows, bool] | None = None
+        """A block whose times were looked at, should the rest of its preparation have to be tried again."""
+        self.fallbacks: dict[str, int] = {}
+        """How often what is done for many rows at once failed, by what it was, and a slower way was taken."""
         self._options = options
         self._own_chunk_bytes = min(_OWN_CHUNK_BYTES, options.chunk_bytes // 16)
         self._about = dict(about)
@@ -119,16 +129,21 @@ class BlockWriter:
     def prepare(self, block: Block) -> Prepared:
         """Infer, merge and number what a sealed buffer holds; nothing is written yet.
 
-        Its sequence numbers are changed. Blocks are prepared and committed in order, one after the other.
+        Its sequence numbers are changed. Blocks are prepared and committed in order, one after the other. One whose
+        preparation failed, for want of memory, may be prepared again.
         """
         extras = [block.data[start:end].tobytes() for start, end in block.extras]
         if not block.starts:
             return Prepared(extras, None, False)
         tracks = self._tracks()
-        rows, splits = self._follow_clock(pack(block), tracks)
-        self.steps.look(rows, tracks)
-        merged = merge_same_time(rows, tracks, self._classify(rows), self._keys_of, self.steps.note_merged)
+        if self._begun is None or self._begun[0] is not block:
+            rows, splits = self._follow_clock(pack(block), tracks)
+            self.steps.look(rows, tracks)
+            self._begun = (block, rows, splits)
+        _, rows, splits = self._begun
+        merged = self._merge(rows, tracks, self._forms(rows))
         merged.number(self._next_sequence(merged))
+        self._begun = None
         return Prepared(extras, merged, splits, len(rows) - len(merged))
 
     def commit(self, prepared: Prepared) -> None:
@@ -155,22 +170,81 @@ class BlockWriter:
             tracks[number] = info.kind == TRACK
         return tracks
 
-    def _classify(self, rows: Rows) -> npt.NDArray[np.int32]:
+    # -- what is done for many rows at once, and for each of them where that fails ------------------------------------
+
+    def _fall_back(self, what: str, error: Exception) -> None:
+        """Count and tell that something failed; none of it may stop the writer, which has a slower way."""
+        if what not in self.fallbacks:
+            _log.warning(
+                "%s failed in %s, and is done a slower way; stats()['fallbacks'] counts how often",
+                *(what, self.folder),
+                exc_info=error,
+            )
+        self.fallbacks[what] = self.fallbacks.get(what, 0) + 1
+
+    def _merge(self, rows: Rows, tracks: npt.NDArray[np.bool_], forms: npt.NDArray[np.int32]) -> Rows:
+        notes: list[tuple[int, list[int], bool]] = []
+        try:
+            merged = merge_same_time(rows, tracks, forms, self._keys_of, lambda *note: notes.append(note))
+        except Exception as error:
+            self._fall_back("merging the rows of a block", error)
+            notes = []
+            on_failure = lambda error: self._fall_back("merging rows of one time", error)  # noqa: E731
+            merged = merge_each(rows, tracks, on_failure, lambda *note: notes.append(note))
+        for note in notes:
+            self.steps.note_merged(*note)
+        return merged
+
+    def _forms(self, rows: Rows) -> npt.NDArray[np.int32]:
         """Find the form of each row, [N], and widen the schemas of topics that have rows of a new one."""
-        forms = np.full(len(rows), -1, np.int32)
+        is_too_much = sum([skeletons.size for skeletons in self._skeletons.values()]) > _SKELETON_BYTES
+        for skeletons in self._skeletons.values():
+            skeletons.forget() if is_too_much else skeletons.begin_block()
+        inferred = [number for number, info in list(self._channels.items()) if info.schema is None]
+        is_inferred = np.isin(rows.channels, inferred)
+        try:
+            return self._classify(rows, is_inferred)
+        except Exception as error:
+            self._fall_back("telling the forms of a block's rows", error)
+        for skeletons in self._skeletons.values():
+            skeletons.forget()
+        return self._learn_each(rows, np.flatnonzero(is_inferred))
+
+    def _learn_each(self, rows: Rows, which: npt.NDArray[np.intp]) -> npt.NDArray[np.int32]:
+        """Decode some of the rows one by one; fields of one that cannot be decoded may be missing in the schema."""
+        forms = np.full(len(rows), UNKNOWN, np.int32)
+        for row in which.tolist():
+            try:
+                forms[row] = self._skeletons_of(int(rows.channels[row])).learn(rows.payload(row))
+            except Exception as error:
+                self._fall_back("decoding a row", error)
+        return forms
+
+    def _classify(self, rows: Rows, is_inferred: npt.NDArray[np.bool_]) -> npt.NDArray[np.int32]:
+        forms = np.full(len(rows), UNKNOWN, np.int32)
+        is_pending = is_inferred
         for first, last in rows.uniform:
             forms[first:last] = self._skeletons_of(int(rows.channels[first])).learn(rows.payload(first))
-        inferred = [number for number, info in list(self._channels.items()) if info.schema is None]
-        unknown = (forms < 0) & np.isin(rows.channels, inferred)
-        if not unknown.any():
-            return forms
+            is_pending[first:last] = False
+        is_long = is_pending & (rows.ends - rows.starts >= LONG_ROW_BYTES)
+        if is_long.any():
+            long = np.flatnonzero(is_long)
+            forms[long] = self._learn_each(rows, long)[long]
+            is_pending &= ~is_long
+        which = np.flatnonzero(is_pending)
+        if len(which):
+            forms[which] = self._classify_short(rows if len(which) == len(rows) else taken(rows, which))
+        return forms
+
+    def _classify_short(self, rows: Rows) -> npt.NDArray[np.int32]:
+        """Find the forms of rows that are none of them long, by their skeletons."""
         bones = Bones(rows.data, rows.starts + records.MESSAGE_HEAD, rows.ends, records.MESSAGE_HEAD)
-        guessed = guess(bones, rows.channels, self._skeletons) if unknown.all() else None
-        if guessed is not None:
-            return guessed
-        for number in np.unique(rows.channels[unknown]).tolist():
-            mine = np.flatnonzero(unknown & (rows.channels == number))
-            forms[mine] = self._skeletons_of(number).classify(bones, mine)
+        forms = guess(bones, rows.channels, self._skeletons)
+        if forms is None:
+            forms = np.full(len(rows), UNKNOWN, np.int32)
+            order = np.argsort(rows.channels, kind="stable")
+            for mine in np.split(order, np.flatnonzero(np.diff(rows.channels[order])) + 1):
+                forms[mine] = self._skeletons_of(int(rows.channels[mine[0]])).classify(bones, mine)
         return forms
 
     def _skeletons_of(self, number: int) -> Skeletons:
@@ -181,11 +255,12 @@ class BlockWriter:
         return skeletons
 
     def _keys_of(self, number: int, form: int) -> frozenset[str]:
+        """Return the top-level keys of a channel's form, which is not `UNKNOWN`."""
         return self._skeletons[number].forms[form].keys
 
     def _write_rows(self, rows: Rows) -> None:
         segment = self._ensure_channels(rows)
-        chunks = [build(part, self.compress) for part in split(rows, self._own_chunk_bytes)]
+        chunks = [self._build(part) for part in split(rows, self._own_chunk_bytes)]
         before = segment.size
         segment.add_block(chunks, self.first_block, STEPS_RECORD, self._steps_record(rows))
         self.bytes_written += segment.size - before
@@ -203,12 +278,21 @@ class BlockWriter:
         topics = {number: self._channels[number].topic for number in ends}
         return self.steps.record(self.first_block, topics, rows, ends)
 
+    def _build(self, rows: Rows) -> Chunk:
+        try:
+            return build(rows, self.compress)
+        except OSError:
+            raise
+        except Exception as error:
+            self._fall_back("compressing a chunk", error)
+        return build(rows, UNCOMPRESSED)
+
     def _next_sequence(self, rows: Rows) -> npt.NDArray[np.uint32]:
         """Number each topic's rows on from its last one."""
         sequence = np.zeros(len(rows), np.int64)
-        for number in np.unique(rows.channels).tolist():
-            mine = rows.channels == number
-            sequence[mine] = self._sequences.get(number, 0) + np.arange(np.count_nonzero(mine))
+        order = np.argsort(rows.channels, kind="stable")
+        for mine in np.split(order, np.flatnonzero(np.diff(rows.channels[order])) + 1):
+            sequence[mine] = self._sequences.get(int(rows.channels[mine[0]]), 0) + np.arange(len(mine))
         return sequence.astype(np.uint32)
 
     def _ensure_channels(self, rows: Rows) -> Segment:
@@ -230,7 +314,7 @@ class BlockWriter:
         """Return a topic's Schema record: exactly `space` bytes if it fits, with room to grow if there is none yet."""
         info = self._channels[number]
         skeletons = self._skeletons.get(number)
-        schema = schemas.to_json(skeletons.shape, info.topic) if skeletons else None
+        schema = self._schema(skeletons.shape, info.topic) if skeletons else None
         record = info.schema_record(schema)
         if not space:
             text = len(schemas.to_bytes(dict(schema or info.schema or {})))
@@ -239,6 +323,13 @@ class BlockWriter:
             schemas.to_bytes(dict(schema or info.schema or {"type": "object", "title": info.topic}))
         )
         return record if len(record) > space else info.schema_record(schema, space - bare)
+
+    def _schema(self, shape: Shape, topic: str) -> dict[str, Any]:
+        try:
+            return schemas.to_json(shape, topic)
+        except Exception as error:
+            self._fall_back("making a topic's schema", error)
+        return schemas.to_json(Shape(), topic)
 
     def _write_metadata(self, record: bytes) -> None:
         parsed = Metadata.read(ReadDataStream(BytesIO(record[9:])))

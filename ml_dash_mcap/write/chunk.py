@@ -88,6 +88,9 @@ class _None:
         return block
 
 
+UNCOMPRESSED: Compressor = _None()
+
+
 def compressor(options: RecorderOptions) -> Compressor:
     """Return what the options ask for."""
     if options.compression == "zstd":

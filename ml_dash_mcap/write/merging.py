@@ -7,15 +7,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from itertools import chain
 
 import numpy as np
 import numpy.typing as npt
+import orjson
 
 from ..rows import merge
+from ..rows.skeleton import UNKNOWN
 from . import records
 from .rows import Rows, replaced
 
 _SLICE = 64
+_MOST_BYTES = 4 * 1024 * 1024
+"""Rows of one time with more bytes, which would have to be decoded to be merged, are left to the reader."""
+
 _PAUSE_S = 2e-5
 """After so many merged rows the writer thread sleeps for a moment, so that a control loop never waits for them all."""
 
@@ -56,7 +62,12 @@ def merge_same_time(
             key = (channels[same[0]], *[form_numbers[row] for row in same])
             is_disjoint = disjoint.get(key)
             if is_disjoint is None:
-                is_disjoint = disjoint[key] = _are_disjoint([keys_of(key[0], form) for form in key[1:]])
+                is_disjoint = UNKNOWN not in key[1:]
+                if is_disjoint:
+                    is_disjoint = _are_disjoint([keys_of(key[0], form) for form in key[1:]])
+                disjoint[key] = is_disjoint
+            if not is_disjoint and sum(map(len, parts)) > _MOST_BYTES:
+                continue
             if is_disjoint:
                 joined = merge.join_disjoint(parts, cuts if same is group else merge.cut(parts))
             else:
@@ -69,6 +80,39 @@ def merge_same_time(
     keep = np.ones(len(rows), np.bool_)
     keep[dropped] = False
     return replaced(rows, keep, payloads)
+
+
+def merge_each(
+    rows: Rows,
+    mergeable: npt.NDArray[np.bool_],
+    on_failure: Callable[[Exception], None],
+    note: Callable[[int, list[int], bool], None],
+) -> Rows:
+    """Do the same by decoding all rows that share their time; those that cannot be merged stay for the reader.
+
+    Args:
+        rows: In the order in which they were appended.
+        mergeable: By channel id, whether its rows merge.
+        on_failure: Told what kept rows of one time from being merged.
+        note: As that of `merge_same_time`.
+    """
+    payloads: dict[int, tuple[int, bytes]] = {}
+    keep = np.ones(len(rows), np.bool_)
+    for group in _groups(rows, mergeable):
+        try:
+            encoded = [rows.payload(row) for row in group]
+            for places in merge.split_by_time(encoded, merge.cut(encoded)):
+                same = [group[place] for place in places]
+                parts = [encoded[place] for place in places]
+                if sum(map(len, parts)) > _MOST_BYTES:
+                    continue
+                keys = list(chain.from_iterable(orjson.loads(part) for part in parts))
+                payloads[same[0]] = (int(rows.times[same[0]]), merge.join(parts))
+                keep[same[1:]] = False
+                note(int(rows.channels[same[0]]), same, len(set(keys)) == len(keys) - len(parts) + 1)
+        except Exception as error:
+            on_failure(error)
+    return replaced(rows, keep, payloads) if payloads else rows
 
 
 def _groups(rows: Rows, mergeable: npt.NDArray[np.bool_]) -> list[list[int]]:

@@ -105,11 +105,11 @@ def split(rows: Rows, own_bytes: int) -> list[Rows]:
     others = np.flatnonzero(~np.isin(rows.channels, heavy)) if len(heavy) else rows.channels[:0]
     if len(heavy) + bool(len(others)) < 2:
         return [rows]
-    parts = [_taken(rows, np.flatnonzero(rows.channels == channel)) for channel in heavy]
-    return [*parts, _taken(rows, others)] if len(others) else parts
+    parts = [taken(rows, np.flatnonzero(rows.channels == channel)) for channel in heavy]
+    return [*parts, taken(rows, others)] if len(others) else parts
 
 
-def _taken(rows: Rows, which: npt.NDArray[np.intp]) -> Rows:
+def taken(rows: Rows, which: npt.NDArray[np.intp]) -> Rows:
     """Return some of the rows, copied to lie one after the other."""
     block = memoryview(rows.data)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
     firsts = np.flatnonzero(np.diff(which, prepend=-2) != 1)

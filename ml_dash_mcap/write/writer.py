@@ -7,6 +7,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
 from ..errors import StorageError
 from .blocks import BlockWriter
@@ -28,6 +29,8 @@ _LOCK_PATIENCE_S = 0.01
 """The writer thread never waits longer for an appending thread, which may be waiting for it."""
 
 _DISK_IS_FULL = {errno.ENOSPC, errno.EDQUOT}
+
+T = TypeVar("T")
 
 _log = logging.getLogger("ml_dash_mcap")
 
@@ -175,7 +178,7 @@ class Writer:
         self._journal.recycle(buffer)
 
     def _write_block(self, buffer: Buffer) -> None:
-        prepared = self._blocks.prepare(buffer.block())
+        prepared = self._persist(lambda: self._blocks.prepare(buffer.block()))
         self._persist(lambda: self._blocks.commit(prepared))
 
     def _sync(self) -> None:
@@ -185,19 +188,19 @@ class Writer:
             _log.error("syncing %s failed: %s; the recording goes on in a new segment", self._blocks.folder, error)
             self._blocks.set_aside()
 
-    def _persist(self, write: Callable[[], None]) -> None:
-        """Do a write again and again while the disk refuses; the backlog grows meanwhile."""
+    def _persist(self, write: Callable[[], T]) -> T:
+        """Do a write again and again while the disk refuses or memory is short; the backlog grows meanwhile."""
         pause = _FIRST_RETRY_S
         while True:
             try:
-                write()
+                result = write()
                 self.failure = None
-                return
-            except OSError as error:
+                return result
+            except (OSError, MemoryError) as error:
                 if self.failure is None:
-                    _log.error("cannot write the recording in %s: %s", self._blocks.folder, error)
+                    _log.error("cannot write the recording in %s: %r", self._blocks.folder, error)
                 self.failure = error
-                if error.errno not in _DISK_IS_FULL:
+                if isinstance(error, OSError) and error.errno not in _DISK_IS_FULL:
                     self._blocks.set_aside()
                 if time.monotonic() + pause > self._give_up_at:
                     raise
