@@ -134,7 +134,7 @@ class Topic:
         Args:
             _ts: Time stamps, [N], s.
             **columns: One value a row each: arrays [N, ...] or sequences of length N. A row that is masked in a masked
-                array lacks that field; a dict of arrays is a dict in each row. All columns beside such must be numbers.
+                array lacks that field; a dict of columns is a dict in each row.
                 Columns of pandas, polars and pyarrow are taken by position; what is missing in them is None (`NaN` too
                 where a pandas column holds no numbers of numpy's).
 

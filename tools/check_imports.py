@@ -35,7 +35,7 @@ HEAVY = {
     "pyarrow": {
         *("rows.table", "rows.lines", "rows.line_columns", "rows.line_types", "rows.arrays"),
         *("rows.batches", "rows.align", "rows.same_bytes"),
-        *("rows.kinds", "export.nesting", "export.parquet_files", "export.parquet_layout"),
+        *("rows.kinds", "rows.array_columns", "export.nesting", "export.parquet_files", "export.parquet_layout"),
         *("rows.frames", "rows.spread", "ingest.parquet", "ingest.csv_table", "ingest.csv_tokens", "ingest.csv_types"),
         *("ingest.jsonl", "ingest.table_intake", "ingest.table_times", "ingest.arrow_values", "ingest.our_tables"),
         *("export.csv_cells", "export.csv_layout"),

@@ -20,6 +20,7 @@ import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from ..rows import arrays
 from ..rows.encode import encodable
 from ..rows.table import Column, to_text, values_of
 
@@ -48,7 +49,18 @@ def of(column: Column) -> pa.Array:
         return array.cast(pa.string())
     if pa.types.is_string(type_):
         return _texts(array)
+    if pa.types.is_nested(type_) and arrays.is_large(array):
+        return pa.array([_array(value) for value in arrays.cells(array)], pa.string())
     return pa.array([_one(value) for value in array.to_pylist()], pa.string())
+
+
+def _array(value: Any) -> str | None:
+    """Return the cell of a large array, formatted by orjson as a list of its numbers is."""
+    is_whole = isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray)
+    if not is_whole or value.dtype.kind not in "fiub" or (value.dtype.kind == "f" and not np.isfinite(value).all()):
+        return _one(value.tolist() if isinstance(value, np.ndarray) else value)
+    values = np.ascontiguousarray(value, np.float64 if value.dtype.kind == "f" else value.dtype)
+    return text(orjson.dumps(values, option=orjson.OPT_SERIALIZE_NUMPY).decode())
 
 
 def text(value: str) -> str:

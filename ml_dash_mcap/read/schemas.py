@@ -7,7 +7,7 @@ from typing import Any
 
 import orjson
 
-from ..rows import depth
+from ..rows import depth, packed
 from ..rows.encode import TIME_KEY
 from . import shapes
 from .file import File
@@ -55,6 +55,9 @@ def _merge_schemas(first: dict[str, Any], second: dict[str, Any]) -> dict[str, A
     merged = {**first, **second}
     if (first.get("type"), second.get("type")) in (("integer", "number"), ("number", "integer")):
         merged["type"] = "number"
+    descriptions = first.get("description"), second.get("description")
+    if descriptions[0] != descriptions[1] and "contentEncoding" in merged:
+        merged["description"] = _common(*descriptions)
     ours, theirs = first.get("properties"), second.get("properties")
     if isinstance(ours, dict) and isinstance(theirs, dict):
         merged["properties"] = {name: _either(ours.get(name), theirs.get(name)) for name in {**ours, **theirs}}
@@ -64,6 +67,15 @@ def _merge_schemas(first: dict[str, Any], second: dict[str, Any]) -> dict[str, A
         if isinstance(first.get(key), int) and isinstance(second.get(key), int):
             merged[key] = choose(first[key], second[key])
     return merged
+
+
+def _common(first: Any, second: Any) -> str:
+    """Return what describes two segments' arrays; bytes where one has such."""
+    if not isinstance(first, str) or not isinstance(second, str):
+        return ""
+    if packed.parse(first) is None or packed.parse(second) is None:
+        return "array"
+    return packed.common(first, second) or "array"
 
 
 def _either(first: Any, second: Any) -> Any:

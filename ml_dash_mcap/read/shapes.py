@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..rows import packed
+
 _TYPES = {bool: "boolean", int: "integer", float: "number", str: "string", bytes: "bytes", dict: "object"}
 
 
@@ -14,8 +16,8 @@ class Field:
     """A field's type and shape; `str()` says both, as in `number[7]`, `string` or `number[4,4]`."""
 
     type: str
-    """Of the value, or of each element: "number", "integer", "boolean", "string", "bytes", "object"; "any" where they
-    differ or are not known."""
+    """Of the value, or of each element: "number", "integer", "boolean", "string", "bytes", "object"; that of numpy,
+    such as "uint8", for large arrays, "array" where it differs; "any" where they differ or are not known."""
     shape: tuple[int | None, ...] = ()
     """() for a single value, (7,) for a vector, (4, 4) for a matrix; None where lengths differ."""
 
@@ -37,12 +39,23 @@ def of_schema(schema: Mapping[str, Any]) -> Field:
         length = shortest if isinstance(shortest, int) and shortest == longest else None
         return Field(inner.type, (length, *inner.shape))
     if type_ == "string" and schema.get("contentEncoding") == "base64":
-        return Field("bytes")
+        return _of_packed(schema) or Field("bytes")
     return Field(type_ if isinstance(type_, str) else "any")
+
+
+def _of_packed(schema: Mapping[str, Any]) -> Field | None:
+    """Return what a schema says of arrays of numpy; None if it is of bytes."""
+    said = schema.get("description")
+    if said == "array":
+        return Field("array")
+    found = packed.parse(said) if isinstance(said, str) else None
+    return None if found is None else Field(*found)
 
 
 def of_value(value: Any) -> Field:
     """Return what one value of a field shows."""
+    if hasattr(value, "dtype"):
+        return Field(value.dtype.name, value.shape)
     if not isinstance(value, list):
         return Field(_TYPES.get(type(value), "any"))
     inner = [of_value(element) for element in value]

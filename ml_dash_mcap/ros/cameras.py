@@ -20,7 +20,6 @@ Array = npt.NDArray[Any]
 _DEPTHS: Mapping[str, tuple[str, np.dtype[Any]]] = {
     "float64": ("32FC1", np.dtype("<f4")),
     "int64": ("16UC1", np.dtype("<u2")),
-    "uint64": ("16UC1", np.dtype("<u2")),
 }
 _UINT32 = 2**32 - 1
 _COLORS = {1: "mono8", 3: "rgb8", 4: "rgba8"}
@@ -87,7 +86,7 @@ def image(context: Context, values: dict[str, Array]) -> dict[str, Column] | Bad
         encoding, high = _COLORS[data.shape[3]], 255
         dtype: np.dtype[Any] = np.dtype("u1")
     else:
-        (encoding, dtype), high = _DEPTHS[one.kind], 65535
+        (encoding, dtype), high = _DEPTHS["float64" if one.kind.startswith("float") else "int64"], 65535
         data = _depths(context, data, 1e-3 if dtype.kind == "u" else 1.0)
     if dtype.kind == "u":
         bad = np.asarray(_outside(data, high).reshape(count, -1).any(axis=1))

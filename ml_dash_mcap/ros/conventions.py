@@ -218,15 +218,18 @@ def fits(one: Field, role: Role, *, embeds: bool = False) -> bool:
         return False
     if _BYTES in role.shapes:
         return one.shape == () and (one.kind == "bytes" or (embeds and one.kind == "string"))
-    if one.kind not in ("float64", "int64", "uint64"):
+    if one.kind == "bool" or not (one.is_array or one.kind in ("float64", "int64", "uint64")):
         return False
     if one.shape is None:  # which `checks` has a word for
         return _COLORS not in role.shapes and _DEPTH not in role.shapes and role.shapes != ((),)
-    if _COLORS in role.shapes and len(one.shape) == 3 and one.shape[2] in (1, 3, 4):
-        return True
-    if _DEPTH in role.shapes and len(one.shape) == 2:
-        return True
-    return one.shape in role.shapes or (_ANY_VECTOR in role.shapes and len(one.shape) == 1)
+    return _is_picture(one, role) or one.shape in role.shapes or (_ANY_VECTOR in role.shapes and len(one.shape) == 1)
+
+
+def _is_picture(one: Field, role: Role) -> bool:
+    """Whether a field has the shape of the images that a role takes."""
+    shape = one.shape or ()
+    is_color = _COLORS in role.shapes and len(shape) == 3 and shape[2] in (1, 3, 4)
+    return is_color or (_DEPTH in role.shapes and len(shape) == 2)
 
 
 def says(one: Field, detail: Detail) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..rows import packed
 from ..rows.encode import EXACT_KEY, TIME_KEY, dumps_any, exact_as_read, has_lone_surrogates, loads_any
 from .columns import Column, Ragged, texts
 from .forms import SAFE_INTEGER
@@ -82,6 +83,8 @@ def column(one: Field, values: list[Any], states: npt.NDArray[np.uint8]) -> dict
         values = [nothing if state != PRESENT else value for value, state in zip(values, states.tolist(), strict=True)]
     if one.kind == "json":
         return {one.name: texts([_json(value) for value in values])}
+    if one.is_array:
+        return {one.name: _arrays(one, values)}
     if one.shape == ():
         if one.kind == "float64" and int in set(map(type, values)):
             are_integers = np.fromiter((type(value) is int for value in values), np.bool_, len(values))
@@ -94,6 +97,15 @@ def column(one: Field, values: list[Any], states: npt.NDArray[np.uint8]) -> dict
     _check(values, list)
     lengths = np.fromiter(map(len, values), np.int64, len(values))
     return _with_integers(one, list(chain.from_iterable(values)), lambda col: Ragged.behind_each_other(col, lengths))
+
+
+def _arrays(one: Field, values: list[Any]) -> Column:
+    """Return arrays of one type and shape as a column, [N, k]."""
+    wanted = f"{one.kind}[{','.join(map(str, one.shape or ()))}]"
+    if any(not isinstance(value, np.ndarray) or packed.spelling(value) != wanted for value in values):
+        raise MisfitError
+    found = np.stack(values).reshape(len(values), -1)
+    return found.view(np.uint8) if one.kind == "bool" else found
 
 
 def _with_integers(one: Field, flat: list[Any], shape: Callable[[Column], Column]) -> dict[str, Column]:
@@ -151,6 +163,8 @@ def default(one: Field) -> Any:
     """Return what stands for a value that is not there."""
     if one.shape is None:
         return []
+    if one.is_array:
+        return np.zeros(one.shape or (), one.kind)
     if one.message is not None:
         return {inner.key: default(inner) for inner in one.message.fields}
     value = _NOTHING[one.kind]

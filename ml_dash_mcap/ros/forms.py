@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+
+from ..rows import packed
 from ..rows.encode import TIME_KEY, has_lone_surrogates
 
 Row = dict[str, Any]
@@ -17,6 +20,7 @@ class Form:
     """All values that a field, or the elements of a list, have had."""
 
     __slots__ = (
+        "arrays",
         "count",
         "dicts",
         "fields",
@@ -34,7 +38,9 @@ class Form:
         self.count = 0
         """How many there were; those that were not there do not count."""
         self.kinds: set[type] = set()
-        """Their types: NoneType, bool, int, float, str, bytes, list, dict."""
+        """Their types: NoneType, bool, int, float, str, bytes, list, dict, numpy.ndarray."""
+        self.arrays: set[str] = set()
+        """Of the arrays: their types and shapes, as `rows.packed` spells them."""
         self.low = 0
         self.high = 0
         """Bounds of the integers, with 0 among them."""
@@ -69,6 +75,9 @@ class Form:
         """Take in a value."""
         kind = type(value)
         self.count += 1
+        if isinstance(value, np.ndarray):
+            kind = np.ndarray
+            self.arrays.add(packed.spelling(value))
         self.kinds.add(kind)
         if kind is int:
             self.bound(value, value)

@@ -18,6 +18,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
+from ..rows import packed
 from ..rows.encode import TIME_KEY
 from . import names
 from .columns import Array, Number, Sequence, Struct, Text, Type
@@ -37,6 +40,9 @@ HEADER_ROS1 = Struct("std_msgs/msg/Header", (("seq", Number("uint32")), ("stamp"
 _MOST_FIELDS = 250
 _DEEPEST = 8
 _NUMBERS: Mapping[type, str] = {bool: "bool", float: "float64"}
+_ARRAYS = {"bool", "float32", "float64", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+"""The types of numpy that ROS has; arrays of others are JSON."""
+
 _TYPES: Mapping[str, Type] = {"string": Text(), "json": Text(), "bytes": Sequence(Number("uint8"))}
 
 
@@ -55,6 +61,8 @@ class Field:
     """Of a dict, or of each in a list."""
     integers: str | None = None
     """The field that says which elements of a list are integers among doubles."""
+    is_array: bool = False
+    """Whether each value is an array of numpy of this type and shape, and no list."""
     names_images: bool = field(default=False, compare=False)
     """Whether the first text was a path that ends like that of a JPEG or PNG file."""
 
@@ -132,6 +140,10 @@ def _field(form: Form, key: str, name: str, owner: str, taken: set[str], depth: 
         return Field(key, name, "message", (), _nested(form, key, owner, taken, depth))
     if kinds == {list} and form.shortest is not None:
         return _list(form, key, name, owner, taken, depth)
+    if kinds == {np.ndarray} and len(form.arrays) == 1:
+        found = packed.parse(next(iter(form.arrays)))
+        if found is not None and found[0] in _ARRAYS and all(found[1]):
+            return Field(key, name, found[0], tuple(length or 0 for length in found[1]), is_array=True)
     return Field(key, name, "json")
 
 

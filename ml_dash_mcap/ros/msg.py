@@ -116,6 +116,8 @@ def _describe(message: Message) -> str:
             said["message"] = one.message.name
         if one.integers is not None:
             said["integers"] = one.integers
+        if one.is_array:
+            said["array"] = "yes"
         fields[one.name] = said
     described: dict[str, Any] = {"version": 1, **({"stated": True} if message.is_stated else {}), "fields": fields}
     for name, value in message.about.items():
@@ -130,7 +132,8 @@ def _message(name: str, described: Mapping[str, dict[str, Any]], *, is_row: bool
         inner = _message(one["message"], described, is_row=False) if "message" in one else None
         spelled = one.get("shape", "")
         shape = None if spelled == "*" else tuple(int(length) for length in spelled.split("x") if length)
-        fields.append(Field(one.get("key", field_name), field_name, one["kind"], shape, inner, one.get("integers")))
+        key, is_array = one.get("key", field_name), "array" in one
+        fields.append(Field(key, field_name, one["kind"], shape, inner, one.get("integers"), is_array))
     known = ("version", "stated", "fields")
     about = {key: value if key in _TEXTS else json.loads(value) for key, value in said.items() if key not in known}
     return Message(name, tuple(fields), bool(said.get("stated", False)), is_row, about)

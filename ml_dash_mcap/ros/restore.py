@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..rows import packed
 from ..rows.encode import TIME_KEY, loads_any, restore
 from .columns import Column, Ragged
 from .fill import VALUE_KEY
@@ -32,11 +33,13 @@ def plain(message: Message, column: dict[str, Column]) -> dict[str, Any] | None:
     arrays: dict[str, Any] = {}
     for number, one in enumerate(message.fields):
         is_whole = one.shape is not None and one.message is None and one.integers is None
-        if not is_whole or one.kind not in ("bool", "int64", "uint64", "float64"):
+        if not is_whole or (not one.is_array and one.kind not in ("bool", "int64", "uint64", "float64")):
             return None
         if message.is_stated and not (column[STATE][:, number] == PRESENT).all():
             return None
         array = column[one.name].reshape(-1, *one.shape)  # type: ignore[misc]  # it has one
+        if one.shape and packed.is_large(array[:1].reshape(one.shape)) != one.is_array:
+            return None  # large columns become arrays, and these are lists
         arrays[one.key] = array.astype(np.bool_) if one.kind == "bool" else array
     return arrays
 
@@ -77,6 +80,8 @@ def _values(one: Field, column: dict[str, Column]) -> list[Any]:
     if one.message is not None:
         return _dicts(one.message, values, _count(values))
     array = values.astype(np.bool_) if one.kind == "bool" else values
+    if one.is_array:
+        return [each.copy() for each in array.reshape(-1, *(one.shape or ()))]
     listed = array.reshape(-1, *one.shape).tolist() if one.shape else array.tolist()
     if one.integers is None:
         return list(listed)

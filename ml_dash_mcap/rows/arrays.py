@@ -9,6 +9,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from . import packed
 from .table import ENCODING_KEY, Column, values_of
 
 _MOST_LISTS = 31
@@ -45,8 +46,10 @@ def doubles(array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     return np.where(np.ma.getmaskarray(array), np.nan, np.ma.getdata(array).astype(np.float64))
 
 
-def whole(column: pa.ChunkedArray) -> pa.Array:
+def whole(column: pa.ChunkedArray | pa.Array) -> pa.Array:
     """Return a column as one array."""
+    if isinstance(column, pa.Array):
+        return column
     if column.num_chunks == 1:
         return column.chunk(0)
     return pa.concat_arrays(column.chunks) if column.num_chunks else pa.array([], column.type)
@@ -59,6 +62,22 @@ def _array(array: pa.Array) -> npt.NDArray[Any]:
         if flat is not None:
             return _with_gaps(flat, array, shape)
     return objects(array)
+
+
+def is_large(column: pa.ChunkedArray | pa.Array) -> bool:
+    """Whether the values of a column are what large arrays become: lists of many numbers each."""
+    type_, inner = column.type, column
+    while pa.types.is_list(type_) or pa.types.is_fixed_size_list(type_):
+        inner, type_ = whole(inner).flatten(), type_.value_type
+    is_number = pa.types.is_integer(type_) or pa.types.is_floating(type_) or pa.types.is_boolean(type_)
+    return is_number and pa.types.is_nested(column.type) and len(inner) > packed.MOST_LISTED * max(len(column), 1)
+
+
+def cells(column: pa.ChunkedArray | pa.Array) -> list[Any]:
+    """Return the arrays of a column that `is_large`, one a row; None where there is none, lists if they are ragged."""
+    array = whole(column)
+    made = [_array(array.slice(at, 1)) if array[at].is_valid else None for at in range(len(array))]
+    return [None if one is None else one[0] for one in made]
 
 
 def objects(array: pa.Array) -> npt.NDArray[Any]:

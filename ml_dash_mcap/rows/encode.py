@@ -312,8 +312,8 @@ def restore(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def restore_kinds(row: dict[str, Any]) -> dict[str, Any]:
-    """Do the same where only the kinds of the values matter: bytes and arrays become empty bytes."""
-    return _restore(row, lambda spelling, text: b"" if spelling == "bytes" or packed.is_spelling(spelling) else None)
+    """Do the same where only the kinds of the values matter: bytes become empty, and arrays their spelling."""
+    return _restore(row, lambda spelling, _: b"" if spelling == "bytes" else packed.spelling_of(spelling))
 
 
 def _restore(row: dict[str, Any], value_of: Callable[[str, str], Any]) -> dict[str, Any]:

@@ -62,6 +62,8 @@ def to_pandas(table: pa.Table) -> pd.DataFrame:
             odd[field.name] = arrays.from_table(table.select([field.name]))[field.name]
         elif field.type in nullable:
             gappy += [field.name] * bool(column.null_count)
+        elif pa.types.is_nested(field.type) and arrays.is_large(column):
+            odd[field.name] = arrays.cells(column)
         elif pa.types.is_nested(field.type) and _has_gaps(arrays.whole(column)):
             odd[field.name] = _cells(column)
     parts = [

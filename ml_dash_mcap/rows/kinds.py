@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from . import array_columns
 from .table import Column, to_text, values_of
 
 _EXACT_INTEGERS = 2**53
@@ -174,7 +175,7 @@ def _common(first: pa.DataType, second: pa.DataType, fits: bool, natural: bool) 
         return pa.float64() if fits else None
     if types == {pa.int64(), pa.uint64()}:
         return pa.uint64() if natural else None
-    return None
+    return array_columns.wider(first, second)
 
 
 def _common_struct(first: list[pa.Field], second: list[pa.Field], fits: bool, natural: bool) -> pa.DataType | None:

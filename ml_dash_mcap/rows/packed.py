@@ -24,6 +24,7 @@ MOST_LISTED = 4096
 MOST_LISTED_UINT8 = 64 * 1024
 """The same for bytes as numbers, which take few letters in a list."""
 
+_DESCRIPTION = re.compile(r"(bool|u?int(?:8|16|32|64)|float(?:16|32|64))\[([\d,]*)\]", re.ASCII)
 _SPELLING = re.compile(r"(masked )?(>)?(bool|u?int(?:8|16|32|64)|float(?:16|32|64))\[(\d{1,19}(?:,\d{1,19})*)\]")
 
 
@@ -49,21 +50,27 @@ def pack(array: npt.NDArray[Any]) -> tuple[bytes, str]:
     """
     import numpy as np
 
+    values = np.ascontiguousarray(np.ma.getdata(array)).reshape(-1).view(np.uint8)
+    if np.ma.is_masked(array):
+        mask = np.ascontiguousarray(np.ma.getmaskarray(array))
+        values = np.concatenate((values, mask.reshape(-1).view(np.uint8)))
+    # 1 ms for 640 x 480 x 3 bytes; a table of pairs of letters in numpy takes 2.4 times that
+    return binascii.b2a_base64(values.data, newline=False), spelling(array)
+
+
+def spelling(array: npt.NDArray[Any]) -> str:
+    """Return the spelling of an array's type and shape."""
+    import numpy as np
+
     dtype = array.dtype
     is_big_endian = dtype.itemsize > 1 and dtype.byteorder == (">" if sys.byteorder == "little" else "=")
-    spelling = f"{'>' if is_big_endian else ''}{dtype.name}[{','.join(map(str, array.shape))}]"
-    values = np.ascontiguousarray(np.ma.getdata(array)).reshape(-1).view(np.uint8)
-    mask = np.ma.getmask(array)
-    if mask is not np.ma.nomask and mask.any():
-        values = np.concatenate((values, np.ascontiguousarray(mask).reshape(-1).view(np.uint8)))
-        spelling = f"masked {spelling}"
-    # 1 ms for 640 x 480 x 3 bytes; a table of pairs of letters in numpy takes 2.4 times that
-    return binascii.b2a_base64(values.data, newline=False), spelling
+    masked, big = "masked " if np.ma.is_masked(array) else "", ">" if is_big_endian else ""
+    return f"{masked}{big}{dtype.name}[{','.join(map(str, array.shape))}]"
 
 
-def unpack(text: str, spelling: str) -> npt.NDArray[Any] | None:
+def unpack(text: str, spelled: str) -> npt.NDArray[Any] | None:
     """Return the array that was packed, writable; None where text and spelling do not say one."""
-    match = _SPELLING.fullmatch(spelling)
+    match = _SPELLING.fullmatch(spelled)
     if match is None:
         return None
     import numpy as np
@@ -86,6 +93,37 @@ def unpack(text: str, spelling: str) -> npt.NDArray[Any] | None:
         return None
 
 
-def is_spelling(spelling: str) -> bool:
-    """Whether a side key's spelling is that of an array."""
-    return _SPELLING.fullmatch(spelling) is not None
+class Spelling(str):
+    """Stands for an array of which only the spelling is wanted."""
+
+    __slots__ = ()
+
+
+def spelling_of(spelled: str) -> Spelling | None:
+    """Return what a side key says if it is the spelling of an array."""
+    return Spelling(spelled) if _SPELLING.fullmatch(spelled) else None
+
+
+def described(spelled: str) -> str:
+    """Return the part of a spelling that a schema says: the type and the shape."""
+    return spelled.removeprefix("masked ").removeprefix(">")
+
+
+def common(first: str, second: str) -> str:
+    """Return what describes arrays of two descriptions: `float32[,3]` where a length differs; "" if more does."""
+    if first == second:
+        return first
+    (name, _, ours), (other, _, theirs) = first.partition("["), second.partition("[")
+    lengths, others = ours[:-1].split(","), theirs[:-1].split(",")
+    if name != other or len(lengths) != len(others):
+        return ""
+    both = [one if one == another else "" for one, another in zip(lengths, others, strict=True)]
+    return f"{name}[{','.join(both)}]"
+
+
+def parse(description: str) -> tuple[str, tuple[int | None, ...]] | None:
+    """Return the type and the shape that a description says, None for a length that differs."""
+    match = _DESCRIPTION.fullmatch(description)
+    if match is None:
+        return None
+    return match[1], tuple(int(length) if length else None for length in match[2].split(","))

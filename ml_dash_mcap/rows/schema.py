@@ -11,6 +11,7 @@ from typing import Any
 
 import orjson
 
+from . import packed
 from .encode import TIME_KEY
 
 MAX_FIELDS = 4000
@@ -28,7 +29,7 @@ class Unsaid:
 class Shape:
     """The kinds of value that one field has had so far, with the shapes of what it contains."""
 
-    __slots__ = ("_room", "fields", "items", "kinds", "longest", "shortest")
+    __slots__ = ("_room", "description", "fields", "items", "kinds", "longest", "shortest")
 
     def __init__(self, room: list[int] | None = None) -> None:
         """Begin with nothing.
@@ -37,7 +38,7 @@ class Shape:
             room: Fields and letters of names that the whole topic may still have, shared by all its shapes.
         """
         self.kinds: set[str] = set()
-        """Of null, boolean, integer, number, string, bytes, object, array, unsaid."""
+        """Of null, boolean, integer, number, string, bytes, packed, object, array, unsaid."""
         self.fields: dict[str, Shape] = {}
         """Of the objects: every key seen."""
         self.items: Shape | None = None
@@ -45,6 +46,8 @@ class Shape:
         self.shortest: int | None = None
         self.longest: int = 0
         """Of the arrays: their lengths."""
+        self.description: str | None = None
+        """Of the packed arrays of numpy: type and shape, as `packed` describes them; "" where they differ."""
         self._room = [MAX_FIELDS, _NAME_LETTERS] if room is None else room
 
     def add(self, value: Any) -> bool:
@@ -56,7 +59,15 @@ class Shape:
             changed |= self._add_fields(value)
         elif kind == "array":
             changed |= self._add_items(value)
+        elif kind == "packed":
+            changed |= self._add_packed(value)
         return changed
+
+    def _add_packed(self, value: Any) -> bool:
+        spelled = value if isinstance(value, packed.Spelling) else packed.spelling(value)
+        before, described = self.description, packed.described(spelled)
+        self.description = described if before is None else packed.common(before, described)
+        return self.description != before
 
     def _add_fields(self, value: dict[str, Any]) -> bool:
         changed = False
@@ -86,7 +97,7 @@ class Shape:
     def _add_elements(self, values: list[Any]) -> bool:
         """Widen by the elements of an array; of arrays in it, which no schema has words for, by no more than that."""
         types = set(map(type, values))
-        kinds = {_KINDS.get(type_, "bytes") for type_ in types}
+        kinds = {_KINDS.get(type_, "packed") for type_ in types}
         changed = not kinds <= self.kinds
         self.kinds |= kinds
         if dict in types:
@@ -106,8 +117,7 @@ class Shape:
 
 
 def _kind(value: Any) -> str:
-    """Return the kind of a value; a packed array stands in the row as bytes do."""
-    return _KINDS.get(type(value), "bytes")
+    return _KINDS.get(type(value), "packed")
 
 
 _KINDS = {
@@ -146,6 +156,8 @@ def to_json(shape: Shape, title: str) -> dict[str, Any]:
 def _say(shape: Shape, budget: list[int]) -> dict[str, Any] | None:
     """Return the schema of one field, or None where the subset has no words for it."""
     kinds = shape.kinds - {"null"}
+    if kinds == {"bytes", "packed"}:
+        kinds = {"bytes"}
     if kinds == {"integer", "number"}:
         kinds = {"number"}
     if len(kinds) != 1 or budget[0] <= 0 or kinds == {"unsaid"}:
@@ -158,6 +170,8 @@ def _say(shape: Shape, budget: list[int]) -> dict[str, Any] | None:
         return _array(shape, budget)
     if kind == "bytes":
         return {"type": "string", "contentEncoding": "base64"}
+    if kind == "packed":
+        return {"type": "string", "contentEncoding": "base64", "description": shape.description or "array"}
     return {"type": kind}
 
 
@@ -167,7 +181,7 @@ def _object(shape: Shape, budget: list[int]) -> dict[str, Any]:
 
 
 def _array(shape: Shape, budget: list[int]) -> dict[str, Any] | None:
-    if shape.items is None or not shape.items.kinds.isdisjoint({"array", "bytes"}):
+    if shape.items is None or not shape.items.kinds.isdisjoint({"array", "bytes", "packed"}):
         return None
     items = _say(shape.items, budget)
     if items is None:

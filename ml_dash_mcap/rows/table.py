@@ -15,7 +15,7 @@ import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from . import same_bytes
+from . import array_columns, same_bytes
 from .encode import EXACT_KEY, TIME_KEY, dumps_any, encodable, exact_as_read, loads_any, restore
 
 Row = dict[str, Any]
@@ -133,6 +133,11 @@ def _collect(block: list[Row]) -> dict[str, list[Any]]:
 
 
 def _column(values: list[Any]) -> Column:
+    if array_columns.has_arrays(values):
+        array = array_columns.of(values)
+        if array is not None:
+            return Column(array)
+        values = array_columns.lists(values)
     with contextlib.suppress(UnicodeEncodeError):  # text with lone surrogates
         type_ = arrow_type(values)
         if type_ is not None:
@@ -176,7 +181,7 @@ def _common(first: pa.DataType | None, second: pa.DataType) -> pa.DataType | Non
             return None
         is_fixed = pa.types.is_fixed_size_list(first) and pa.types.is_fixed_size_list(second)
         return pa.list_(inner, first.list_size) if is_fixed and first.list_size == second.list_size else pa.list_(inner)
-    return None
+    return array_columns.wider(first, second)
 
 
 def _tight(array: Any) -> Any:
@@ -278,6 +283,10 @@ def _struct_type(dicts: list[Row], has_nulls: bool) -> pa.DataType | None:
 
 def to_text(value: Any) -> str:
     """Say a value as JSON; one that JSON cannot say is wrapped as `{"_value": ..., "_exact": ...}`."""
+    with contextlib.suppress(TypeError):  # bytes, arrays and lone surrogates
+        text = orjson.dumps(value)
+        if b"null" not in text:
+            return text.decode()
     row = loads_any(exact_as_read({VALUE_KEY: value}))
     row.pop(TIME_KEY, None)
     return dumps_any(row if EXACT_KEY in row else row[VALUE_KEY]).decode()

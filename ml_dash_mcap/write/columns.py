@@ -13,14 +13,17 @@ import orjson
 
 from .. import clock
 from ..errors import FieldError, TimestampError
-from ..rows import frame_columns
-from ..rows.encode import TIME_KEY, exact
+from ..rows import frame_columns, packed
+from ..rows.encode import TIME_KEY
 from ..time_hints import seconds_hint, unit_hint
 from ..timestamps import MISSING
-from . import gappy_columns, records
+from . import column_rows, gappy_columns, records
 
 _SLICE = 512
 """Rows encoded at a time: the encoder keeps other threads waiting while it works."""
+
+_SLICE_BYTES = 1024 * 1024
+"""Fewer rows at a time where they have more bytes together."""
 
 _COMMA, _CLOSE = ord(","), ord("]")
 
@@ -43,7 +46,7 @@ def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes) ->
 
     Args:
         times_s: Time stamps, [N], s.
-        columns: By field, one value a row: arrays [N, ...] or sequences of length N.
+        columns: By field, one value a row: arrays [N, ...], sequences of length N, or dicts of such.
         topic: For the error messages.
         head: Channel id and sequence number as they stand in a record.
 
@@ -57,17 +60,20 @@ def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes) ->
     times = _times(frame_columns.plain(times_s), topic)
     for name in columns:
         _check_name(name, topic)
-    columns = {name: frame_columns.plain(column) for name, column in columns.items()}
-    if any(gappy_columns.is_gappy(column) for column in columns.values()):
-        for name, column in columns.items():
-            gappy_columns.check(name, column, len(times), topic)
-        return (Encoded(*rows) for rows in gappy_columns.slices(times, columns, topic, head))
-    arrays = {name: _column(name, column, len(times), topic) for name, column in columns.items()}
-    plain = {name: array for name, array in arrays.items() if _is_bulk(array)}
-    if len(plain) < len(arrays):  # a value that cannot be stored is an error before any row is taken
-        blocks = list(_encode_rows(times, arrays, topic, head))
-        return iter(blocks)
-    return _encode_slices(times, plain, topic, head)
+    found = {
+        name: column_rows.checked(name, frame_columns.plain(column), len(times), topic)
+        for name, column in columns.items()
+    }
+    every = list(column_rows.leaves(found))
+    if not all(map(_is_numbers, every)):  # a value that cannot be stored is an error before any row is taken
+        return iter(list(_encode_rows(times, found, topic, head)))
+    if any(len(one) and packed.is_large(one[0]) for one in every if one.ndim > 1):
+        return _encode_rows(times, found, topic, head)
+    if any(gappy_columns.is_gappy(column) for column in found.values()):
+        return (Encoded(*rows) for rows in gappy_columns.slices(times, found, topic, head))
+    if all(map(_is_bulk, every)):
+        return _encode_slices(times, found, topic, head)
+    return _encode_rows(times, found, topic, head)
 
 
 def _check_name(name: str, topic: str) -> None:
@@ -111,47 +117,32 @@ def _kind(times: npt.NDArray[Any]) -> str:
     return f"{type(times[0]).__name__}{hint}, for each row" if hint else str(times.dtype)
 
 
-def _column(name: str, column: Any, count: int, topic: str) -> Any:
-    is_sequence = hasattr(column, "__len__") and hasattr(column, "__getitem__") and getattr(column, "ndim", 1) > 0
-    if not is_sequence or isinstance(column, (str, bytes, Mapping)):
-        raise FieldError(
-            f"append_columns() on topic {topic!r}: column {name!r} must be an array or a sequence with one value a row"
-        )
-    if len(column) != count:
-        raise FieldError(
-            f"append_columns() on topic {topic!r}: column {name!r} has {len(column)} rows, but _ts has {count}"
-        )
-    if isinstance(column, np.ndarray):
-        return column
-    kinds = {type(value) for value in column}
-    if len(kinds) == 1 and kinds <= {float, int, bool}:
-        array = np.array(column)
-        return column if array.dtype.kind not in "fiub" or (kinds == {int} and array.dtype.kind == "f") else array
-    return column
+def _is_numbers(column: Any) -> bool:
+    """Whether a column is an array of numbers or booleans, each of which can be stored."""
+    return isinstance(column, np.ndarray) and column.dtype.kind in "fiub" and column.dtype.itemsize <= 8
 
 
-def _is_bulk(array: Any) -> bool:
-    """Whether orjson can format a whole array as its rows would be: numbers, and finite ones only."""
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiub" or array.dtype.itemsize > 8:
-        return False
+def _is_bulk(array: npt.NDArray[Any]) -> bool:
+    """Whether orjson can format a whole array of numbers as its rows would be: finite ones only."""
     return array.size > 0 and (array.dtype.kind != "f" or bool(np.isfinite(array).all()))
 
 
 def _encode_rows(
     times: npt.NDArray[np.float64], columns: Mapping[str, Any], topic: str, head: bytes
 ) -> Iterator[Encoded]:
-    """Encode row by row what cannot be formatted in bulk."""
-    for first in range(0, len(times), _SLICE):
-        blobs = []
-        for row in range(first, min(first + _SLICE, len(times))):
-            fields = {name: column[row] for name, column in columns.items()}
-            fields[TIME_KEY] = float(times[row])
-            payload = exact(fields, topic)
-            time_ns = clock.to_nanoseconds(float(times[row]))
-            length = len(payload) + records.MESSAGE_LENGTH_EXCESS
-            blobs.append(struct.pack("<BQ6sQQ", records.MESSAGE_OPCODE, length, head, time_ns, time_ns) + payload)
-        lengths = np.array([len(blob) for blob in blobs], np.int64)
-        yield Encoded(b"".join(blobs), np.cumsum(lengths) - lengths, float(times[row]), False)
+    """Encode row by row what cannot be formatted in bulk, some rows at a time."""
+    blobs: list[bytes] = []
+    size = 0
+    for row, time_s in enumerate(times.tolist()):
+        payload = column_rows.payload(columns, row, time_s, topic)
+        time_ns = clock.to_nanoseconds(time_s)
+        length = len(payload) + records.MESSAGE_LENGTH_EXCESS
+        blobs.append(struct.pack("<BQ6sQQ", records.MESSAGE_OPCODE, length, head, time_ns, time_ns) + payload)
+        size += len(blobs[-1])
+        if len(blobs) == _SLICE or size > _SLICE_BYTES or row == len(times) - 1:
+            lengths = np.array([len(blob) for blob in blobs], np.int64)
+            yield Encoded(b"".join(blobs), np.cumsum(lengths) - lengths, time_s, False)
+            blobs, size = [], 0
 
 
 def _encode_slices(

@@ -13,7 +13,6 @@ import numpy.typing as npt
 import orjson
 
 from .. import clock
-from ..errors import FieldError
 from ..rows.encode import TIME_KEY, exact
 from . import records
 
@@ -28,38 +27,8 @@ Tree = Mapping[str, Any]
 
 
 def is_gappy(column: Any) -> bool:
-    """Whether a column is a masked array, or a dict of arrays."""
-    if isinstance(column, Mapping):
-        return bool(column) and all(isinstance(one, np.ndarray) or is_gappy(one) for one in column.values())
-    return isinstance(column, np.ma.MaskedArray)
-
-
-def check(name: str, column: Any, count: int, topic: str) -> None:
-    """Raise FieldError unless a column is numbers, one value a row, or a dict of such."""
-    if isinstance(column, Mapping):
-        for key, one in column.items():
-            if not isinstance(key, str) or key == TIME_KEY or not _is_unicode(key):
-                raise FieldError(f"append_columns() on topic {topic!r}: {name!r} has the key {key!r}, which is no name")
-            check(f"{name}.{key}", one, count, topic)
-        return
-    if not isinstance(column, np.ndarray) or column.dtype.kind not in "fiub" or column.dtype.itemsize > 8:
-        raise FieldError(
-            f"append_columns() on topic {topic!r}: column {name!r} stands beside masked arrays or dicts; it must be an"
-            " array of numbers too"
-        )
-    if not column.ndim or len(column) != count:
-        raise FieldError(
-            f"append_columns() on topic {topic!r}: column {name!r} has the shape {column.shape}, but _ts has"
-            f" {count} rows"
-        )
-
-
-def _is_unicode(text: str) -> bool:
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
+    """Whether a column of numbers is a masked array, or a dict."""
+    return isinstance(column, (dict, np.ma.MaskedArray))
 
 
 @dataclass(frozen=True, slots=True)

@@ -178,7 +178,8 @@ class Writer:
         self._journal.recycle(buffer)
 
     def _write_block(self, buffer: Buffer) -> None:
-        prepared = self._persist(lambda: self._blocks.prepare(buffer.block()))
+        block = buffer.block()
+        prepared = self._persist(lambda: self._blocks.prepare(block))
         self._persist(lambda: self._blocks.commit(prepared))
 
     def _sync(self) -> None:

@@ -76,7 +76,7 @@ def test_integers_keep_all_their_bits(drawn: Any) -> None:
         assert row.get("n") == (None if all(gaps) else expected)
 
 
-@pytest.mark.parametrize("beside", [["a", "b"], np.array([1.0]), {"k": np.array([1.0])}])
+@pytest.mark.parametrize("beside", [["a"], "ab", np.array([1.0]), np.array(1.0), {"k": np.array([1.0])}, {"k": []}, {}])
 def test_a_column_that_does_not_fit_beside_is_refused(beside: Any, tmp_path: Path) -> None:
     with Recorder(tmp_path) as recorder, pytest.raises(FieldError, match="'other"):
         recorder.topic("m").append_columns(_ts=[0.0, 1.0], p=masked([1, 2], [0, 1]), other=beside)

@@ -1,0 +1,98 @@
+"""The arrays of rows as an Arrow column of lists."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from . import same_bytes
+
+_NARROW_INTEGERS = (pa.int8(), pa.int16(), pa.int32(), pa.uint8(), pa.uint16(), pa.uint32())
+_NARROW_FRACTIONS = (pa.float16(), pa.float32())
+
+
+def has_arrays(values: Sequence[Any]) -> bool:
+    """Whether there is an array among some values."""
+    return any(isinstance(value, np.ndarray) for value in values)
+
+
+def of(values: Sequence[Any]) -> pa.Array | None:
+    """Return arrays, or None for a row without one, as lists of their numbers, of the type that these have.
+
+    An element that is masked is null. None comes back where types or numbers of dimensions differ.
+    """
+    present = [value for value in values if value is not None]
+    kinds = {(type(value), getattr(value, "dtype", None), getattr(value, "ndim", 0)) for value in present}
+    dtypes = {dtype.newbyteorder("=") for _, dtype, _ in kinds if dtype is not None}
+    dimensions = {ndim for _, _, ndim in kinds}
+    if (
+        len(dtypes) != 1
+        or len(dimensions) != 1
+        or 0 in dimensions
+        or not all(issubclass(one[0], np.ndarray) for one in kinds)
+    ):
+        return None
+    found = _elements(present, dtypes.pop())
+    for level in reversed(range(dimensions.pop())):
+        lengths = np.array([one.shape[level] for one in present], np.int64)
+        repeats = np.array([int(np.prod(one.shape[:level])) for one in present], np.int64)
+        is_present = None
+        if level == 0 and len(present) < len(values):
+            is_present = np.array([value is not None for value in values])
+        found = _listed(found, lengths, repeats, is_present)
+    return found
+
+
+def lists(values: Sequence[Any]) -> list[Any]:
+    """Return values with lists in the place of arrays."""
+    return [value.tolist() if isinstance(value, np.ndarray) else value for value in values]
+
+
+def wider(first: pa.DataType, second: pa.DataType) -> pa.DataType | None:
+    """Return the type that holds the numbers of arrays and those of lists beside them; None for other types."""
+    for narrow, wide in ((first, second), (second, first)):
+        if wide == pa.int64() and narrow in _NARROW_INTEGERS:
+            return wide
+        if wide == pa.float64() and narrow in _NARROW_FRACTIONS:
+            return wide
+    return None
+
+
+def _elements(present: Sequence[Any], dtype: np.dtype[Any]) -> pa.Array:
+    """Return all elements of arrays, one behind the other."""
+    flat = [np.ma.getdata(one).reshape(-1).astype(dtype, copy=False) for one in present]
+    numbers = flat[0] if len(flat) == 1 else np.concatenate(flat)
+    if any(np.ma.is_masked(one) for one in present):
+        mask = np.concatenate([np.ma.getmaskarray(one).reshape(-1) for one in present])
+        return pa.array(numbers, mask=mask)
+    return pa.array(numbers) if dtype.kind == "b" else same_bytes.to_arrow(numbers)
+
+
+def _listed(
+    elements: pa.Array,
+    lengths: npt.NDArray[np.int64],
+    repeats: npt.NDArray[np.int64],
+    is_present: npt.NDArray[np.bool_] | None,
+) -> pa.Array:
+    """Cut elements into lists.
+
+    Args:
+        elements: Of all lists.
+        lengths: Of the lists of each array.
+        repeats: How many lists each array has.
+        is_present: Which rows have an array, if some do not; each has one list then.
+    """
+    is_number = pa.types.is_integer(elements.type) or pa.types.is_floating(elements.type)
+    is_fixed = is_present is None and is_number and not elements.null_count and len(set(lengths.tolist())) == 1
+    if is_fixed and lengths[0]:
+        return pa.FixedSizeListArray.from_arrays(elements, int(lengths[0]))
+    every = np.repeat(lengths, repeats)
+    if is_present is not None:
+        every = np.zeros(len(is_present), np.int64)
+        every[is_present] = lengths
+    offsets = same_bytes.to_arrow(np.concatenate(([0], np.cumsum(every))).astype(np.int32))
+    return pa.ListArray.from_arrays(offsets, elements, mask=None if is_present is None else pa.array(~is_present))

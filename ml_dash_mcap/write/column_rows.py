@@ -1,0 +1,117 @@
+"""Columns of any kinds as rows, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from ..errors import FieldError
+from ..rows.encode import EXACT_KEY, TIME_KEY, dumps, exact, row_value
+
+_ABSENT: Any = object()
+"""Stands for a value that a row does not have."""
+
+_LIKE_NUMBERS = {float, int, bool}
+
+
+def checked(name: str, column: Any, count: int, topic: str) -> Any:
+    """Return a column as it is, as an array if it is a list of plain numbers, or as a dict of such.
+
+    Args:
+        name: Of the field, dotted for what lies in dicts.
+        column: One value a row, of which columns of other libraries are arrays or lists already.
+        count: Of the rows.
+        topic: For the error messages.
+
+    Raises:
+        FieldError: It is no column, or has another length.
+    """
+    if isinstance(column, Mapping):
+        return _checked_dict(name, column, count, topic)
+    is_sequence = hasattr(column, "__len__") and hasattr(column, "__getitem__") and getattr(column, "ndim", 1) > 0
+    if not is_sequence or isinstance(column, (str, bytes, bytearray)):
+        raise FieldError(
+            f"append_columns() on topic {topic!r}: column {name!r} is {_kind(column)}; it must be an array, a sequence"
+            " with one value a row, or a dict of such"
+        )
+    if len(column) != count:
+        raise FieldError(
+            f"append_columns() on topic {topic!r}: column {name!r} has {len(column)} rows, but _ts has {count}"
+        )
+    if isinstance(column, np.ndarray):
+        return column
+    kinds = set(map(type, column))
+    if len(kinds) == 1 and kinds <= _LIKE_NUMBERS:
+        array = np.array(column)
+        return column if array.dtype.kind not in "fiub" or (kinds == {int} and array.dtype.kind == "f") else array
+    return column
+
+
+def _checked_dict(name: str, columns: Mapping[Any, Any], count: int, topic: str) -> dict[str, Any]:
+    if not columns:
+        raise FieldError(f"append_columns() on topic {topic!r}: column {name!r} is a dict without columns")
+    for key in columns:
+        if not isinstance(key, str) or key in (TIME_KEY, EXACT_KEY):
+            raise FieldError(f"append_columns() on topic {topic!r}: {name!r} has the key {key!r}, which is no name")
+        _check_unicode(key, topic)
+    return {str.__str__(key): checked(f"{name}.{key}", column, count, topic) for key, column in columns.items()}
+
+
+def _check_unicode(name: str, topic: str) -> None:
+    try:
+        name.encode()
+    except UnicodeEncodeError as error:
+        raise FieldError(f"append_columns() on topic {topic!r}: the name {name!r} is not valid Unicode") from error
+
+
+def _kind(column: Any) -> str:
+    if getattr(column, "ndim", None) == 0:
+        return f"a single value, {column!r}"
+    return f"a {type(column).__name__}"
+
+
+def leaves(columns: Mapping[str, Any]) -> Iterator[Any]:
+    """Yield all columns, those in dicts among them."""
+    for column in columns.values():
+        if isinstance(column, dict):
+            yield from leaves(column)
+        else:
+            yield column
+
+
+def payload(columns: Mapping[str, Any], row: int, time_s: float, topic: str) -> bytes:
+    """Encode one row of checked columns.
+
+    Raises:
+        FieldError: A value cannot be stored.
+    """
+    fields = _dict(columns, row)
+    fields[TIME_KEY] = time_s
+    try:
+        encoded = dumps(fields, row_value)
+    except Exception:  # what has no JSON, or only with the side key
+        return exact(fields, topic)
+    return exact(fields, topic) if b"null" in encoded else encoded
+
+
+def _dict(columns: Mapping[str, Any], row: int) -> dict[str, Any]:
+    values = {name: _value(column, row) for name, column in columns.items()}
+    return {name: value for name, value in values.items() if value is not _ABSENT}
+
+
+def _value(column: Any, row: int) -> Any:
+    """Return a row's value; `_ABSENT` where it is masked as a whole, or a dict would be empty."""
+    if isinstance(column, dict):
+        return _dict(column, row) or _ABSENT
+    if isinstance(column, np.ma.MaskedArray) and _is_masked(np.ma.getmaskarray(column)[row]):
+        return _ABSENT
+    return column[row]
+
+
+def _is_masked(mask: Any) -> bool:
+    """Whether a row's mask covers all of it, and there is something to be covered."""
+    if mask.dtype.names:
+        return all(_is_masked(mask[name]) for name in mask.dtype.names)
+    return bool(mask.size) and bool(mask.all())
