@@ -16,7 +16,7 @@ _ABSENT: Any = object()
 _LIKE_NUMBERS = {float, int, bool}
 
 
-def checked(name: str, column: Any, count: int, topic: str) -> Any:
+def checked(name: str, column: Any, count: int, topic: str, within: str = "") -> Any:
     """Return a column as it is, as an array if it is a list of plain numbers, or as a dict of such.
 
     Args:
@@ -24,22 +24,21 @@ def checked(name: str, column: Any, count: int, topic: str) -> Any:
         column: One value a row, of which columns of other libraries are arrays or lists already.
         count: Of the rows.
         topic: For the error messages.
+        within: What the errors say besides of a column in a dict.
 
     Raises:
         FieldError: It is no column, or has another length.
     """
     if isinstance(column, Mapping):
-        return _checked_dict(name, column, count, topic)
+        return _checked_dict(name, column, count, topic, within or f" of the dict {name!r}")
+    what = f"append_columns() on topic {topic!r}: column {name!r}{within}"
     is_sequence = hasattr(column, "__len__") and hasattr(column, "__getitem__") and getattr(column, "ndim", 1) > 0
     if not is_sequence or isinstance(column, (str, bytes, bytearray)):
         raise FieldError(
-            f"append_columns() on topic {topic!r}: column {name!r} is {_kind(column)}; it must be an array, a sequence"
-            " with one value a row, or a dict of such"
+            f"{what} is {_kind(column)}; it must be an array, a sequence with one value a row, or a dict of such"
         )
     if len(column) != count:
-        raise FieldError(
-            f"append_columns() on topic {topic!r}: column {name!r} has {len(column)} rows, but _ts has {count}"
-        )
+        raise FieldError(f"{what} has {len(column)} rows, but _ts has {count}")
     if isinstance(column, np.ndarray):
         return column
     kinds = set(map(type, column))
@@ -49,14 +48,14 @@ def checked(name: str, column: Any, count: int, topic: str) -> Any:
     return column
 
 
-def _checked_dict(name: str, columns: Mapping[Any, Any], count: int, topic: str) -> dict[str, Any]:
+def _checked_dict(name: str, columns: Mapping[Any, Any], count: int, topic: str, within: str) -> dict[str, Any]:
     if not columns:
         raise FieldError(f"append_columns() on topic {topic!r}: column {name!r} is a dict without columns")
     for key in columns:
         if not isinstance(key, str) or key in (TIME_KEY, EXACT_KEY):
             raise FieldError(f"append_columns() on topic {topic!r}: {name!r} has the key {key!r}, which is no name")
         _check_unicode(key, topic)
-    return {str.__str__(key): checked(f"{name}.{key}", column, count, topic) for key, column in columns.items()}
+    return {str.__str__(key): checked(f"{name}.{key}", column, count, topic, within) for key, column in columns.items()}
 
 
 def _check_unicode(name: str, topic: str) -> None:
@@ -69,7 +68,7 @@ def _check_unicode(name: str, topic: str) -> None:
 def _kind(column: Any) -> str:
     if getattr(column, "ndim", None) == 0:
         return f"a single value, {column!r}"
-    return f"a {type(column).__name__}"
+    return f"of type {type(column).__name__}"
 
 
 def leaves(columns: Mapping[str, Any]) -> Iterator[Any]:

@@ -239,7 +239,7 @@ def test_a_row_that_the_writer_cannot_handle_does_not_make_the_folder_unusable(
 
     broken = Recorder(tmp_path)
     with monkeypatch.context() as patched:
-        patched.setattr(blocks, "merge_same_time", lambda *_: 1 / 0)
+        patched.setattr(blocks, "split", lambda *_: 1 / 0)
         broken.topic("a").append(x=1, _ts=0.0)
         with pytest.raises(StorageError):
             broken.close()

@@ -184,7 +184,7 @@ def test_a_masked_array_and_a_dict_of_arrays_stand_beside_anything(tmp_path: Pat
         ({"x": {1, 2}}, "'x'"),
         ({"x": (value for value in "ab")}, "'x'"),
         ({"x": ["a"]}, "'x' has 1 rows, but _ts has 2"),
-        ({"x": {"y": {"z": ["a"]}}}, "'x.y.z' has 1 rows, but _ts has 2"),
+        ({"x": {"y": {"z": ["a"]}}}, "'x.y.z' of the dict 'x' has 1 rows, but _ts has 2"),
         ({"x": {"y": 1}}, "'x.y'"),
         ({"x": {1: [1, 2]}}, "'x' has the key 1"),
         ({"x": {}}, "'x'"),
