@@ -18,6 +18,7 @@ from .read.rows import check_index, check_range
 from .read.topics import TopicInfo
 from .results import BytesFormat, Entries, Take
 from .rows.columns import FIELD_PREFIX, check_columns
+from .suggestions import did_you_mean
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +56,8 @@ def read(
     render = FORMATS.get(format)
     if render is None:
         elsewhere = f"; Recording.export(dest, format={format!r}) writes it" if format in EXPORTERS else ""
-        raise FormatError(f"Unsupported format: {format}{elsewhere}; read() takes {', '.join(sorted(FORMATS))}")
+        meant = f"; {did_you_mean(format, FORMATS)}" if did_you_mean(format, FORMATS) and not elsewhere else ""
+        raise FormatError(f"Unsupported format: {format}{elsewhere}{meant}; read() takes {', '.join(sorted(FORMATS))}")
     low, high = check_range(start_timestamp, end_timestamp)
     return render(Selection(files, topic, low, high, check_columns(columns)))
 

@@ -139,6 +139,7 @@ def test_a_misspelt_format_suggests_the_right_one_and_names_all(folder: Path, wr
 
 def test_a_format_of_export_is_named_where_read_does_not_have_it(folder: Path) -> None:
     with Recording(folder) as recording:
+        assert "did you mean 'parquet'?" in message(FormatError, lambda: recording["robot"].read(format="parket"))
         said = message(FormatError, lambda: recording["robot"].read(format="csv"))
     assert said.startswith("Unsupported format: csv; Recording.export(dest, format='csv') writes it")
     assert "json, jsonl, mcap, mocap, parquet" in said

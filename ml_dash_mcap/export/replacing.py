@@ -10,6 +10,8 @@ from pathlib import Path
 
 from ..errors import OptionError
 from ..layout import SESSION_GLOB
+from ..read.records import MAGIC
+from ..version import LIBRARY
 from ..write.lock import SessionLock
 
 RECORDING = "recording"
@@ -29,7 +31,13 @@ _CONTENTS: Mapping[str, str] = {
 }
 """Formats that are folders, to the names of what is in one; those that are not here are files."""
 
+_ALWAYS_THERE: Mapping[str, str] = {"dreamlake": "session.json", "rosbag2": "metadata.yaml"}
+"""What each folder of a format has; without it, one with the same kinds of files is something else."""
+
 _OF_DESKTOPS = (".DS_Store", "Thumbs.db", "desktop.ini")
+_LIBRARY = LIBRARY.split()[0].encode()
+_HEAD_BYTES = 1024
+"""More than the beginning of a file up to the name of its library."""
 _LOOKED_AT = 100_000
 """So many files of a folder are looked at; one with more is not replaced."""
 
@@ -71,6 +79,12 @@ def _reason_to_keep_folder(folder: Path, format: str) -> str:
         if not pattern.fullmatch(name) and name.rpartition("/")[2] not in _OF_DESKTOPS:
             what = "a recording" if format == RECORDING else f"what {format!r} writes"
             return f"is a folder that holds more than {what}: {name}; remove it yourself, or choose another place"
+    if format in _ALWAYS_THERE and not (folder / _ALWAYS_THERE[format]).is_file():
+        return f"is a folder without the {_ALWAYS_THERE[format]} that {format!r} writes, so it is something else"
+    if format == RECORDING:
+        for path in folder.glob("*.mcap*"):
+            if not _is_ours(path):
+                return f"is a folder with an MCAP file that another program wrote: {path.name}"
     if any(SessionLock.is_held(path) for path in folder.glob(SESSION_GLOB)):
         return "is being recorded"
     if next(folder.glob(SESSION_GLOB), None) is not None:
@@ -84,3 +98,12 @@ def _files(folder: Path) -> Iterable[str]:
         inside = Path(place).relative_to(folder)
         links = [name for name in names if os.path.islink(os.path.join(place, name))]
         yield from ((inside / name).as_posix() for name in (*files, *links))
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether an MCAP file's header (https://mcap.dev/spec#header-op0x01) says that this library wrote it."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    begin = len(MAGIC) + 1 + 8  # the record's opcode and length
+    begin += 4 + int.from_bytes(head[begin : begin + 4], "little")  # the profile
+    return head.startswith(MAGIC) and head[begin + 4 :].startswith(_LIBRARY)

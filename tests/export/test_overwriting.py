@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.writer import Writer
 
 from ml_dash_mcap import Experiment, Recorder, Recording, convert
 from ml_dash_mcap.cli import main
@@ -184,6 +185,24 @@ def test_a_folder_with_anything_else_in_it_stays(tmp_path: Path, short: Path, fo
         other = "csv" if format != "csv" else "parquet"
         call = lambda: rec.export(dest, format=other, overwrite=True)  # noqa: E731
         kept(tmp_path, call, DestinationExistsError, "holds more than what")
+
+
+def test_a_recording_is_no_bag_and_mcap_files_of_others_are_no_recording_of_ours(
+    tmp_path: Path, short: Path, long: Path
+) -> None:
+    """All three are folders of `.mcap` files."""
+    with Recording(short) as rec:
+        call = lambda: rec.export(long, format="rosbag2", overwrite=True)  # noqa: E731
+        kept(tmp_path, call, DestinationExistsError, r"without the metadata\.yaml")
+        bag = rec.export(tmp_path / "bag", format="rosbag2")
+    (tmp_path / "others").mkdir()
+    with (tmp_path / "others/field-test.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2", library="another program")
+        writer.finish()
+    call = lambda: convert(bag, tmp_path / "others", overwrite=True)  # noqa: E731
+    kept(tmp_path, call, DestinationExistsError, r"another program wrote: field-test\.mcap")
+    kept(tmp_path, lambda: convert(bag, bag.parent / "bag", overwrite=True), DestinationExistsError, "is what is read")
 
 
 def test_a_folder_is_not_replaced_by_a_file_nor_a_file_by_a_folder(tmp_path: Path, short: Path) -> None:
