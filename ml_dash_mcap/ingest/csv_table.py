@@ -15,6 +15,7 @@ from ..errors import ForeignFileError, OptionError
 from ..recorder import Recorder
 from ..rows.encode import TIME_KEY
 from . import Progress, csv_tokens, csv_types, table_files, table_times
+from . import detect as format_at
 from .csv_tokens import Rows, Tokens
 from .names import distinct
 from .table_intake import TableOptions
@@ -83,6 +84,9 @@ def record(
     options = TableOptions(time_column, time_unit, topic, start, on_bad)
 
     def opened(path: Path) -> _File:
+        found = "csv" if path == src else format_at(path)
+        if found != "csv":
+            raise ForeignFileError(path, f"it is no plain table but of the format {found!r}; convert it by itself")
         return _File(path, options, separator, decimal, encoding)
 
     table_files.record(src, recorder, opened, options, progress, lambda path: path.stat().st_size // _ROW_BYTES)

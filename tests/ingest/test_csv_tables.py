@@ -358,6 +358,15 @@ def test_a_take_goes_to_the_reader_of_its_format() -> None:
     assert ingest.detect(shared.file("mocap/a-motive-1.21-rigidbody.csv")) == "mocap"
 
 
+def test_a_take_among_tables_is_named(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    written(tmp_path / "in", "time,x\n0.5,1\n", "a.csv")
+    written(tmp_path / "in", "Trajectories\n100\n", "b.csv")
+    with pytest.raises(ForeignFileError, match=r"b\.csv: it is no plain table but of the format 'vicon'"):
+        convert(tmp_path / "in", tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
 @pytest.mark.parametrize(
     ("text", "name", "format"),
     [
