@@ -138,8 +138,12 @@ class Recording(Mapping[str, TopicReader]):
 
     @property
     def finished(self) -> bool:
-        """Whether every file has its end; one that is being recorded, or was cut, has none."""
-        return all(file.index.finished for file in self._opened())
+        """Whether every file has its end; one that is being recorded, or was cut, has none.
+
+        A run that has just begun, without any file, is not finished either.
+        """
+        files = self._opened()
+        return bool(files) and all(file.index.finished for file in files)
 
     @property
     def losses(self) -> list[Loss]:

@@ -1,6 +1,7 @@
 """A recording gives what was recorded: by topic, in ml-dash's shapes, from folders, files, and files in progress."""
 
 import math
+import os
 import shutil
 from collections.abc import Mapping
 
@@ -14,6 +15,7 @@ from ml_dash_mcap.errors import (
     NotFoundError,
     RangeError,
     StateError,
+    StorageError,
 )
 from ml_dash_mcap.recording import Recording
 from tests.support.files import draft, finished, save, unfinished
@@ -212,9 +214,65 @@ def test_a_path_without_a_recording_is_a_file_not_found_error(run, tmp_path):
         Recording(tmp_path)
 
 
-def test_an_empty_folder_is_a_recording_of_nothing_so_far(tmp_path):
-    recording = Recording(tmp_path)
-    assert (list(recording.topics), recording.start, recording.duration) == ([], None, 0.0)
+@pytest.mark.parametrize("on_damage", ["raise", "skip"])
+@pytest.mark.parametrize("names", [[], ["notes.txt"], [".x.mcap"], ["a.mcap.txt", "b/c.txt"], list("abcdefgh")])
+def test_a_folder_of_other_things_is_no_recording_and_the_error_says_what_is_one(tmp_path, names, on_damage):
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    with pytest.raises(MissingRecordingError, match=r"a recording is a folder with \.mcap files in it") as caught:
+        Recording(tmp_path, on_damage=on_damage)
+    assert ("it is empty" in str(caught.value)) is (not names)
+    assert all(name.split("/")[0] in str(caught.value) for name in names[:5])
+
+
+def test_the_folder_of_a_system_is_no_recording():
+    with pytest.raises(MissingRecordingError, match="no recording here"):
+        Recording("/etc")
+
+
+def test_a_folder_of_other_things_among_several_is_an_error_too(run, tmp_path):
+    (tmp_path / "other").mkdir()
+    with pytest.raises(MissingRecordingError, match="other"):
+        Recording([run, tmp_path / "other"])
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may read everything")
+def test_a_folder_that_may_not_be_read_is_a_storage_error(tmp_path):
+    (tmp_path / "closed").mkdir(mode=0)
+    with pytest.raises(StorageError, match="cannot be read"):
+        Recording(tmp_path / "closed")
+
+
+def test_a_run_that_has_just_begun_is_a_recording_of_nothing_so_far_and_not_finished(tmp_path):
+    with Recorder(tmp_path / "run") as recorder, Recording(tmp_path / "run") as rec:
+        assert (list(rec.topics), rec.start, rec.duration, rec.segments) == ([], None, 0.0, [])
+        assert not rec.finished
+        assert not rec.check().findings
+        recorder.topic("robot").append(q=1, _ts=1.0)
+        recorder.flush()
+        assert rec.refresh()
+        assert (rec.topics["robot"].count, rec.finished) == (1, False)
+    with Recording(tmp_path / "run") as rec:
+        assert rec.finished
+
+
+def test_a_run_that_ends_without_a_row_is_a_finished_recording_of_nothing(tmp_path):
+    with Recorder(tmp_path / "run"):
+        rec = Recording(tmp_path / "run")
+    rec.refresh()
+    assert (rec.finished, list(rec.topics)) == (True, [])
+    rec.close()
+
+
+def test_an_open_recording_whose_files_are_gone_has_none(tmp_path):
+    with Recorder(tmp_path / "run") as recorder:
+        recorder.topic("robot").append(q=1, _ts=1.0)
+    with Recording(tmp_path / "run") as rec:
+        for path in rec.segments:
+            path.unlink()
+        rec.refresh()
+        assert (rec.segments, rec.finished) == ([], False)
 
 
 def test_a_file_that_is_no_mcap_is_an_error_that_says_so(tmp_path):

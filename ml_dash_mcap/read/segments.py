@@ -53,8 +53,10 @@ class Segments:
         self._is_chosen: Callable[[File], bool] = lambda file: True
         self.all: list[File] = []
         self.files: list[File] = []
+        self._is_opened = False
         try:
             self.refresh()
+            self._is_opened = True
         except BaseException:
             self.close()
             raise
@@ -101,10 +103,16 @@ class Segments:
             file.close()
 
     def _present(self) -> list[Path]:
-        found = list(dict.fromkeys(file for path in self._paths for file in _present_at(path)))
+        found = list(dict.fromkeys(file for path in self._paths for file in self._present_at(path)))
         if len(self._paths) == 1:
             return found
         return list({identity(path) or path: path for path in reversed(found)}.values())[::-1]
+
+    def _present_at(self, path: Path) -> list[Path]:
+        finished = _stem(path)
+        if finished != path and not path.exists() and finished.exists():
+            return [finished]  # the one file that was opened has been finished since
+        return folder.segments(path, is_known=self._is_opened)
 
     def _open(self, path: Path) -> File | None:
         try:
@@ -124,13 +132,6 @@ class Segments:
                 raise
             # finished between listing and opening
             return File(_stem(path), self._limits, salvages=self._salvages, decoding_=self._decoding)
-
-
-def _present_at(path: Path) -> list[Path]:
-    finished = _stem(path)
-    if finished != path and not path.exists() and finished.exists():
-        return [finished]  # the one file that was opened has been finished since
-    return folder.segments(path)
 
 
 def _stem(path: Path) -> Path:
