@@ -51,7 +51,7 @@ BLOCK_OPCODE = 0x8B
 """A private record (https://mcap.dev/spec#opcodes: other readers pass over it) behind the chunks of each block, with
 the block's number in 8 bytes. A recovery tells by it which blocks of a journal are in the file, and whole."""
 
-LARGE_BYTES = 32 * 1024 * 1024
+LARGE_BYTES = 48 * 1024 * 1024
 LARGE_RATIO = 200
 """A chunk of more than `LARGE_BYTES` that compresses by more than `LARGE_RATIO` is stored as it is: a reader on guard
-against bombs could not tell it from one."""
+against bombs could not tell it from one. Maps and pictures of most robots are smaller."""

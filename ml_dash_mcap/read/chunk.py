@@ -34,6 +34,10 @@ _MESSAGE_START = struct.Struct("<BQH4xQ")
 _FIXED = MESSAGE_HEAD.itemsize - records.PREFIX_BYTES
 
 
+class LimitError(DamagedFileError):
+    """A chunk would take more memory than the limits allow; the message says which to raise, and to what."""
+
+
 class NoChunkError(DamagedFileError):
     """Where an index says that a chunk starts, none does."""
 
@@ -99,11 +103,14 @@ def check_size(chunk: Chunk, path: str, limits: Limits) -> None:
     """
     size, packed = chunk.uncompressed_size, chunk.compressed_size
     if max(size, chunk.length - limits.record_bytes) > limits.chunk_bytes:
-        what = f"a chunk of {max(size, chunk.length)} bytes; the limit is {limits.chunk_bytes}"
-        raise DamagedFileError(path, chunk.offset, f"{what} (Limits.chunk_bytes)")
-    if size > limits.any_ratio_bytes and size > limits.ratio * packed:
-        what = f"a chunk that unpacks {packed} bytes to {size}; the limit is {limits.ratio} times"
-        raise DamagedFileError(path, chunk.offset, f"{what} (Limits.ratio)")
+        largest = max(size, chunk.length)
+        what = f"a chunk of {largest} bytes; the limit is {limits.chunk_bytes} (Limits.chunk_bytes)"
+        raise LimitError(path, chunk.offset, f"{what}; limits=Limits(chunk_bytes={largest}) reads it")
+    allowed = limits.of_file(0).any_ratio_bytes or 0
+    if size > allowed and size > limits.ratio * packed:
+        what = f"a chunk that unpacks {packed} bytes to {size}; the limit is {limits.ratio} times (Limits.ratio)"
+        what = f"{what} beyond {allowed} bytes (Limits.any_ratio_bytes)"
+        raise LimitError(path, chunk.offset, f"{what}; limits=Limits(any_ratio_bytes={size}) reads it")
 
 
 def unpack(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..errors import UsageError
 from ..layout import LARGE_BYTES, LARGE_RATIO
@@ -29,15 +29,32 @@ class Limits:
     ratio: int = LARGE_RATIO
     """Uncompressed to compressed size, for chunks above `any_ratio_bytes`; rows and images do not reach it."""
 
-    any_ratio_bytes: int = LARGE_BYTES
-    """Chunks up to this uncompressed size, in bytes, may be compressed by any ratio: a black picture in 4K is 33 MB
-    that compress to 2 kB. Some of them are in memory at once."""
+    any_ratio_bytes: int | None = None
+    """Chunks up to this uncompressed size, in bytes, may be compressed by any ratio: a map of 41 MB compresses to some
+    kB. Some of them are in memory at once. None is 48 MiB, or as much as the file takes on the disk: who has room for
+    that has room for a chunk of the same size."""
 
     record_bytes: int = 64 * MIB
     """A schema, channel, message index or metadata record, in bytes."""
 
     summary_bytes: int = 128 * MIB
     """A summary section, in bytes; a file with a larger one is walked."""
+
+
+    def beyond(self, what: str, length: int) -> str:
+        """Say that a record is longer than `record_bytes`, and how to read it all the same."""
+        limit = f"the limit is {self.record_bytes} (Limits.record_bytes)"
+        return f"{what} of {length} bytes; {limit}; limits=Limits(record_bytes={length}) reads it"
+
+    def of_file(self, stored_bytes: int) -> Limits:
+        """Return the limits for a file.
+
+        Args:
+            stored_bytes: What the file takes on the disk, which for one with holes is less than it is long.
+        """
+        if self.any_ratio_bytes is not None:
+            return self
+        return replace(self, any_ratio_bytes=max(LARGE_BYTES, stored_bytes))
 
 
 DEFAULT = Limits()

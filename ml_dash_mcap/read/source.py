@@ -24,6 +24,9 @@ class Source(Protocol):
     def size(self) -> int:
         """Return how many bytes there are now; a file that is being recorded grows."""
 
+    def stored_bytes(self) -> int:
+        """Return how many bytes are really stored: of a file with holes, fewer than its size."""
+
     def read(self, offset: int, length: int) -> bytes:
         """Return the bytes of [offset, offset + length); fewer only where the file ends before."""
 
@@ -73,6 +76,15 @@ class LocalFile:
     def size(self) -> int:
         """Return how many bytes the file has now."""
         return self._size(self._opened())
+
+    def stored_bytes(self) -> int:
+        """Return how many bytes are really stored: of a file with holes, fewer than its size."""
+        try:
+            status = os.fstat(self._opened().descriptor)
+        except OSError as error:
+            raise self._error(error) from error
+        blocks = getattr(status, "st_blocks", None)  # of 512 bytes each, whatever the file system has; not on Windows
+        return status.st_size if blocks is None else min(status.st_size, 512 * blocks)
 
     def is_at(self, path: Path) -> bool:
         """Whether a path leads to this very file, which may have been renamed since it was opened."""

@@ -57,7 +57,6 @@ class Window:
         if at_most is not None:
             length = min(length, at_most)
         if length > self._limits.record_bytes:
-            what = f"a record of {length} bytes; the limit is {self._limits.record_bytes} (Limits.record_bytes)"
-            raise DamagedFileError(self.source.name, at, what)
+            raise DamagedFileError(self.source.name, at, self._limits.beyond("a record", length))
         start = at + records.PREFIX_BYTES
         return Fields(self.bytes(start, length), self.source.name, start)

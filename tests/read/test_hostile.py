@@ -17,6 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
+from ml_dash_mcap.layout import LARGE_BYTES
 from tests.support import every_read, raw
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -121,7 +122,7 @@ def bomb_without_a_summary() -> bytes:
 
 @case(READ)
 def as_much_as_any_ratio_gives() -> bytes:
-    row = raw.message(1, 1, b'{"a":1' + b" " * (32 * 1024 * 1024 - 100) + b"}")
+    row = raw.message(1, 1, b'{"a":1' + b" " * (LARGE_BYTES - 100) + b"}")
     return with_chunk(zstandard.compress(row), "zstd", size=len(row), indexes=raw.message_index(1, [(1, 0)]))
 
 
