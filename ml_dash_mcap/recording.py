@@ -105,7 +105,11 @@ class Recording(Mapping[str, TopicReader]):
             OptionError: An option has a value that it cannot have; also a ValueError.
         """
         how = decoding(definitions, on_unknown)
-        bag_options = {"definitions": definitions, "on_unknown": "skip" if on_unknown == "skip" else "bytes"}
+        bag_options: dict[str, Any] = {
+            "definitions": definitions,
+            "on_unknown": "skip" if on_unknown == "skip" else "bytes",
+        }
+        bag_options |= {} if limits is None else {"limits": limits}
         if on_damage not in ("raise", "skip"):
             raise OptionError(f'on_damage={on_damage!r} is neither "raise" nor "skip"')
         if limits is not None and not isinstance(limits, Limits):

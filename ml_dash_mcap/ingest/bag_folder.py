@@ -6,7 +6,7 @@ import errno
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -14,6 +14,7 @@ import zstandard
 
 from ..errors import DamagedFileError, EncodingError, MissingRecordingError
 from ..messages import Channel
+from ..read.limits import DEFAULT, Limits
 from ..ros import information
 from .bag_mcap import McapBag
 from .bag_messages import BagFile
@@ -79,12 +80,13 @@ class FolderBag:
 
     format = "rosbag2"
 
-    def __init__(self, path: Path, *, salvages: bool = False) -> None:
+    def __init__(self, path: Path, *, salvages: bool = False, limits: Limits = DEFAULT) -> None:
         """Open the files once, to see what they have.
 
         Args:
             path: Of the folder, or of one of its files.
             salvages: Whether to leave out what is damaged, and note it in the files' `losses`.
+            limits: For what is read of its MCAP files.
 
         Raises:
             MissingRecordingError: A file is not there.
@@ -93,6 +95,7 @@ class FolderBag:
         """
         self.folder = Folder(path)
         self._salvages = salvages
+        self._limits = limits
         self._unpacked: tempfile.TemporaryDirectory[str] | None = None
         self.custom = information.custom(self.folder.information)
         self.distro = str(self.folder.information.get("ros_distro") or "")
@@ -120,7 +123,9 @@ class FolderBag:
         for path in self.folder.files:
             name = path.name.removesuffix(ZSTD)
             whole = self._decompressed(path) if path.name.endswith(ZSTD) else path
-            open_file: Callable[..., BagFile] = McapBag if name.endswith(".mcap") else SqliteBag
+            open_file: Callable[..., BagFile] = SqliteBag
+            if name.endswith(".mcap"):
+                open_file = partial(McapBag, limits=self._limits)
             file = open_file(whole, is_packed=self._mode == "message", salvages=self._salvages)
             try:
                 yield file

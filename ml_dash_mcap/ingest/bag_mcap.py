@@ -9,6 +9,7 @@ from ..errors import DamagedFileError
 from ..messages import Channel, MessageBlock
 from ..read import stored
 from ..read.file import File
+from ..read.limits import DEFAULT, Limits
 from ..ros import information
 from .bag_messages import unpacked
 
@@ -18,13 +19,16 @@ MAGIC = b"\x89MCAP0\r\n"
 class McapBag:
     """An opened file."""
 
-    def __init__(self, path: Path, *, is_packed: bool = False, salvages: bool = False) -> None:
+    def __init__(
+        self, path: Path, *, is_packed: bool = False, salvages: bool = False, limits: Limits = DEFAULT
+    ) -> None:
         """Open a file.
 
         Args:
             path: Of the file.
             is_packed: Whether each message is compressed by zstd.
             salvages: Whether to leave out what is damaged, and note it in `losses`.
+            limits: For what is read of it.
 
         Raises:
             DamagedFileError: It is no MCAP file, or cut, or broken.
@@ -33,7 +37,7 @@ class McapBag:
         self.is_packed = is_packed
         self._salvages = salvages
         self._lost: list[str] = []
-        self.file = File(path, salvages=salvages)
+        self.file = File(path, limits, salvages=salvages)
         index = self.file.index
         if not index.finished and not salvages:
             self.file.close()
@@ -54,7 +58,12 @@ class McapBag:
     @property
     def losses(self) -> list[str]:
         """What was left out so far, in words."""
-        return [f"{loss.path}, byte {loss.offset}: {loss.what}" for loss in self.file.losses] + self._lost
+        return [str(loss) for loss in self.file.losses if not loss.corrected] + self._lost
+
+    @property
+    def corrections(self) -> list[str]:
+        """What the file says wrongly of itself, in words; nothing is lost by it."""
+        return [str(loss) for loss in self.file.losses if loss.corrected]
 
     @property
     def about(self) -> Mapping[str, str]:

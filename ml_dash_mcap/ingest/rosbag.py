@@ -10,6 +10,7 @@ from pathlib import Path
 from ..errors import ConversionWarning, OptionError, StorageError, UsageError
 from ..messages import Channel
 from ..read.decoding import decoding
+from ..read.limits import DEFAULT, Limits
 from ..recorder import Recorder
 from ..ros import distros, information, msg
 from . import bag_folder, bag_mcap
@@ -91,6 +92,7 @@ def carry(
     definitions: Mapping[str, str | Path] | None = None,
     on_unknown: str = "bytes",
     on_damage: str = "raise",
+    limits: Limits | None = None,
 ) -> None:
     """Make a recording of a bag.
 
@@ -113,6 +115,7 @@ def carry(
             warning, "skip" leaves it out with a warning, "raise" is an error.
         on_damage: What happens if the bag is cut or damaged: "raise", or "skip" to take what can be read, with a
             warning.
+        limits: How much memory its MCAP files may ask for; None for the defaults.
 
     Raises:
         DamagedFileError: The bag is damaged.
@@ -138,7 +141,7 @@ def carry(
     wanted = None if topics is None else list(topics)
     how = decoding(definitions, on_unknown)
     try:
-        bag = _open(src, on_damage == "skip")
+        bag = _open(src, on_damage == "skip", limits or DEFAULT)
         try:
             types = Types(how, distros.likely(bag.distro, bag.version))
             _Conversion(src, bag, folder, prefix, types, encoding, time == "header", progress).run(wanted)
@@ -201,6 +204,8 @@ class _Conversion:
                         self._add(len(batch.times_ns))
                 for loss in file.losses:
                     warnings.warn(f"{loss}; it is left out", ConversionWarning, stacklevel=5)
+                for correction in file.corrections if isinstance(file, bag_mcap.McapBag) else ():
+                    warnings.warn(f"{correction}; nothing is lost by it", ConversionWarning, stacklevel=5)
         if self._progress is not None and self._done < self._bag.count:  # some were not wanted
             self._progress(self._bag.count, self._bag.count)
 
@@ -217,9 +222,9 @@ class _Conversion:
         return unknown
 
 
-def _open(path: Path, salvages: bool) -> Bag:
+def _open(path: Path, salvages: bool, limits: Limits) -> Bag:
     if path.is_file() and detect(path) == "rosbag1":
         from .bag_ros1 import Ros1Bag
 
         return Ros1Bag(path, salvages=salvages)
-    return FolderBag(path, salvages=salvages)
+    return FolderBag(path, salvages=salvages, limits=limits)

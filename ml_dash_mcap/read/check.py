@@ -43,7 +43,7 @@ def _damage(files: Sequence[File], met: Sequence[DamagedFileError]) -> list[Find
     """Return what is broken, and what indexes and statistics say wrongly."""
     kinds: dict[str, Kind] = {str(error): "damage" for error in met}
     for loss in (loss for file in files for loss in file.losses):
-        kinds.setdefault(f"{loss.path}, byte {loss.offset}: {loss.what}", "index" if loss.corrected else "damage")
+        kinds.setdefault(str(loss), "index" if loss.corrected else "damage")
     gathered = Gathering(None)
     for text, kind in kinds.items():
         gathered.add(kind, Occurrence(None, text))

@@ -40,7 +40,6 @@ class Limits:
     summary_bytes: int = 128 * MIB
     """A summary section, in bytes; a file with a larger one is walked."""
 
-
     def beyond(self, what: str, length: int) -> str:
         """Say that a record is longer than `record_bytes`, and how to read it all the same."""
         limit = f"the limit is {self.record_bytes} (Limits.record_bytes)"

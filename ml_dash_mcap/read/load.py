@@ -114,8 +114,7 @@ def _indexed(how: walk.Walk, first: int, previous: FileIndex | None) -> FileInde
         walked = how.finished(first, clues if how.salvages else None)
         if not clues.agree_with(walked) and not walked.losses:
             walked = replace(walked, doubtful=True)
-    end = how.end()
-    return walked if end is None or end == size else end
+    return walked if how.end is None or how.end == size else how.end
 
 
 def _start(source: Source, size: int, is_new: bool) -> Fields | None:

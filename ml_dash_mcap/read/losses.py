@@ -23,6 +23,10 @@ class Loss:
     corrected: bool = False
     """Whether nothing is lost: an index or the statistics say what is not so, and the data say what is."""
 
+    def __str__(self) -> str:
+        """Return the file, the place in it and what is wrong there."""
+        return f"{self.path}, byte {self.offset}: {self.what}"
+
 
 class Losses:
     """What was found lost in one file so far. Any thread may add."""

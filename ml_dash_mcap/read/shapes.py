@@ -58,7 +58,9 @@ def of_value(value: Any) -> Field:
         return Field(value.dtype.name, value.shape)
     if not isinstance(value, list):
         return Field(_TYPES.get(type(value), "any"))
-    inner = [of_value(element) for element in value]
+    kinds = set(map(type, value))  # a map has millions of elements of one type
+    inner = {Field(_TYPES.get(kind, "any")) for kind in kinds - {list}}
+    inner |= {of_value(element) for element in value if type(element) is list} if list in kinds else set()
     types, shapes = {one.type for one in inner}, {one.shape for one in inner}
     type_ = types.pop() if len(types) == 1 else "number" if types == {"integer", "number"} else "any"
     if len(shapes) == 1:

@@ -11,6 +11,7 @@ from ..messages import Channel, MessageBlock
 from . import ahead, plan
 from .chunk import MESSAGE_HEAD, Messages
 from .file import File
+from .index import ReindexedError
 from .plan import Located
 from .records import LOOSE, Chunk
 
@@ -59,8 +60,26 @@ def chunks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int =
     Raises:
         DamagedFileError: A chunk is damaged.
     """
+    if start_ns <= 0 and end_ns >= LAST_NS:
+        file.survey()
+    done: set[int] = set()
+    while True:
+        try:
+            for found in _chunks(file, wanted, start_ns, end_ns, done):
+                done.add(found.chunk.offset)
+                if any(map(len, found.messages)):
+                    yield found
+        except ReindexedError:
+            continue
+        return
+
+
+def _chunks(
+    file: File, wanted: Collection[int], start_ns: int, end_ns: int, done: Collection[int]
+) -> Iterator[StoredChunk]:
+    """Do what `chunks` does by the index as it is now, but for the chunks that start at the places in `done`."""
     located = plan.chunks([file.index], [wanted], start_ns, end_ns)
-    in_file = sorted(located, key=lambda one: one.chunk.offset)
+    in_file = sorted((one for one in located if one.chunk.offset not in done), key=lambda one: one.chunk.offset)
 
     def cut(one: tuple[Located, bytes]) -> StoredChunk:
         chunk, span = one[0].chunk, one[1]
@@ -75,9 +94,7 @@ def chunks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int =
                 start = one.chunk.offset - span.offset
                 yield one, data[start : one.end - span.offset]
 
-    for found in ahead.in_order(cut, spans(), weigh=lambda one: one[0].chunk.uncompressed_size):
-        if any(map(len, found.messages)):
-            yield found
+    return ahead.in_order(cut, spans(), weigh=lambda one: one[0].chunk.uncompressed_size)
 
 
 def blocks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int = LAST_NS) -> Iterator[MessageBlock]:

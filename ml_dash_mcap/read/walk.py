@@ -55,6 +55,8 @@ class Walk:
         self._end = 0
         self._has_data_end = False
         self._losses: list[Loss] = []
+        self.end: int | None = None
+        """Where the file ends, behind its closing magic, once it was walked over; None where it does not."""
 
     def unfinished(self, first: int, previous: FileIndex | None = None) -> FileIndex:
         """Index what lies whole in an unfinished file: everything up to where it was cut, or to where it grows.
@@ -72,6 +74,7 @@ class Walk:
             self._losses = [loss for loss in previous.losses if first <= loss.offset < previous.end]
             at, verified = previous.end, previous.chunks[-1].end if previous.chunks else 0
         self._run(at)
+        self.end = self._find_end()
         self._walked.settle()
         self._verify_last_chunk(verified)
         self._look_inside()
@@ -90,6 +93,7 @@ class Walk:
             DamagedFileError: The data section itself is damaged, and nothing may be lost.
         """
         self._run(first, () if clues is None else clues.places)
+        self.end = self._find_end()
         if not self._has_data_end and not self._losses:
             self._lose(self._end, "a data section without an end", None)
         if self._losses and clues is None:
@@ -102,11 +106,8 @@ class Walk:
             index = replace(index, losses=_counted(index, clues.statistics.message_count))
         return index
 
-    def end(self) -> int | None:
-        """Return where the file ends, behind its closing magic; None where it does not, or the walk stopped before.
-
-        It has been walked over. Bytes may lie behind its end.
-        """
+    def _find_end(self) -> int | None:
+        """Return where the file ends, behind its closing magic; None where it does not, or the walk stopped before."""
         at = self._end
         while self._has_data_end and at + records.PREFIX_BYTES <= self.size:
             opcode, length = records.prefix(self._window.bytes(at, records.PREFIX_BYTES), 0)
