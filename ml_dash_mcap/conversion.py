@@ -61,8 +61,10 @@ def convert(
     if format is None and ingest.detect(source) is not None and target.suffix.lower() not in SUFFIXES:
         check_overwrite(overwrite)
         allowed = replacing(keeper(RECORDING, [source])) if overwrite else nullcontext()
+        known = ingest.options_of(source)
+        given = {name: value for name, value in options.items() if name in known or name not in _OF_MCAP_ALONE}
         with allowed, fresh_folder(target) as folder:
-            ingest.into(source, folder, target.name, progress=progress, **options)
+            ingest.into(source, folder, target.name, progress=progress, **given)
         return target
     if not source.exists():
         raise MissingRecordingError(errno.ENOENT, "there is nothing", str(src))
@@ -87,12 +89,16 @@ def _opened(source: Path, reads: Mapping[str, Any]) -> Iterator[Recording]:
         with Recording(source, **reads) as recording:
             yield recording
         return
-    with ingest.as_folder(source, **reads) as folder, Recording(folder) as recording:
+    with ingest.as_folder(source, **reads) as folder, Recording(folder, limits=reads.get("limits")) as recording:
         yield recording
 
 
 _OF_RECORDINGS = [name for name, one in inspect.signature(Recording).parameters.items() if one.kind is one.KEYWORD_ONLY]
 """What a recording can be opened with, such as `on_damage`."""
+
+
+_OF_MCAP_ALONE = {"on_damage", "limits"}
+"""What makes no difference to formats without chunks, of which `Recording` takes it too."""
 
 
 def _options_of_reading(src: str | Path, format: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -51,7 +51,13 @@ BLOCK_OPCODE = 0x8B
 """A private record (https://mcap.dev/spec#opcodes: other readers pass over it) behind the chunks of each block, with
 the block's number in 8 bytes. A recovery tells by it which blocks of a journal are in the file, and whole."""
 
+
 LARGE_BYTES = 48 * 1024 * 1024
 LARGE_RATIO = 200
 """A chunk of more than `LARGE_BYTES` that compresses by more than `LARGE_RATIO` is stored as it is: a reader on guard
 against bombs could not tell it from one. Maps and pictures of most robots are smaller."""
+
+
+def is_like_a_bomb(size: int, packed: int) -> bool:
+    """Whether a chunk unpacks to so much, and from so little, that a reader with our own limits would refuse it."""
+    return size > LARGE_BYTES and size > LARGE_RATIO * packed

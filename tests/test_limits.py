@@ -150,6 +150,11 @@ def test_convert_takes_limits(tmp_path: Path, dest: str) -> None:
     assert not (tmp_path / dest).exists()
     convert(path, tmp_path / dest, limits=Limits(any_ratio_bytes=2 * TOO_LARGE), **how)
     assert (tmp_path / dest).exists()
+    if dest == "run":  # what came of it is read without raising a limit
+        with Recording(tmp_path / dest) as rec:
+            assert [row["n"] for row in rec["/small"].rows()] == [1, 2, 3]
+            [file] = rec.segments
+        assert theirs(file) == theirs(path)
 
 
 def damaged(path: Path) -> Path:
@@ -184,6 +189,17 @@ def test_convert_skips_what_is_damaged_as_a_recording_does(tmp_path: Path, forma
     if format == "jsonl":
         text = "".join(one.read_text() for one in [tmp_path / "out", *(tmp_path / "out").glob("*")] if one.is_file())
         assert text.count('"n"') == len(expected)
+
+
+def test_a_format_without_chunks_takes_limits_and_on_damage_as_a_recording_does(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time,q\n0.0,1\n0.1,2\n")
+    with Recording(path, on_damage="skip", limits=Limits(ratio=2)) as rec:
+        expected = {topic: list(rec[topic].rows()) for topic in rec.topics}
+    convert(path, tmp_path / "run", on_damage="skip", limits=Limits(ratio=2))
+    with Recording(tmp_path / "run") as rec:
+        assert {topic: list(rec[topic].rows()) for topic in rec.topics} == expected
+    assert expected
 
 
 def test_on_damage_is_one_of_two_words(tmp_path: Path) -> None:

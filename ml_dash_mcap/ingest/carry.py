@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import EncodingError
-from ..layout import BAG_RECORD, SEGMENT_SUFFIX
+from ..layout import BAG_RECORD, SEGMENT_SUFFIX, is_like_a_bomb
 from ..messages import Channel, MessageBlock
 from ..options import RecorderOptions
-from ..read import ahead, records, stored
+from ..read import ahead, attachments, records, stored
 from ..read.fields import Fields
 from ..read.stored import StoredChunk
 from ..ros import information
@@ -105,11 +105,10 @@ class Carrier:
             for record in file.file.metadata():
                 dest.add_metadata(record.name, record.values)
                 names.add(record.name)
-            for entry in file.file.index.attachments:
-                head = file.file.source.read(entry.offset, records.PREFIX_BYTES + 16)
+            for entry in attachments.entries(file.file):
                 index = {
                     "log_time": entry.log_time_ns,
-                    "create_time": int.from_bytes(head[-8:], "little"),
+                    "create_time": entry.create_time_ns,
                     "data_size": entry.data_size,
                     "name": entry.name,
                     "media_type": entry.media_type,
@@ -157,14 +156,23 @@ def _packed(block: MessageBlock) -> Chunk:
 
 
 def _copied(found: StoredChunk, is_whole: bool) -> Chunk:
-    """Return a chunk as it was, or, where some of its messages stay behind or it says a wrong time, made anew."""
+    """Return a chunk as it was, or made anew.
+
+    That is needed where some of its messages stay behind, it says a wrong time, or nobody would read it without raising
+    a limit.
+    """
     start_ns = min(int(one.times_ns.min()) for one in found.messages if len(one))
     end_ns = max(int(one.times_ns.max()) for one in found.messages if len(one))
     if is_whole and found.record:
         fields = Fields(found.record, "", 0, records.PREFIX_BYTES)
         head = records.chunk_head(fields)
         begin = records.PREFIX_BYTES + head.records_at
-        if (start_ns, end_ns) == (head.start_ns, head.end_ns) and begin + head.records_length == len(found.record):
+        is_plain = begin + head.records_length == len(found.record)
+        if (
+            (start_ns, end_ns) == (head.start_ns, head.end_ns)
+            and is_plain
+            and not is_like_a_bomb(head.uncompressed_size, head.records_length)
+        ):
             indexes, counts = _indexes(found)
             return Chunk(
                 bytes(found.record[:begin]),

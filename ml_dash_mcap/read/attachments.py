@@ -88,13 +88,13 @@ def find(files: Sequence[File]) -> Attachments:
         [
             Attachment(one.name, one.media_type, clock.to_seconds(one.log_time_ns), one.data_size, file, one)
             for file in files
-            for one in sorted(_entries(file), key=lambda one: one.offset)
+            for one in sorted(entries(file), key=lambda one: one.offset)
         ]
     )
 
 
-def _entries(file: File) -> Sequence[AttachmentEntry]:
-    """Return where a file's attachments lie: by its index, or by a walk if that does not have all, or is wrong."""
+def entries(file: File) -> Sequence[AttachmentEntry]:
+    """Return where a file's attachments lie, in its order: by its index, or by a walk where that is wrong."""
     glance = file.glance
     said = glance.statistics
     if said is not None and said.attachment_count != len(glance.attachments):

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..layout import LARGE_BYTES, LARGE_RATIO
+from ..layout import is_like_a_bomb
 from ..options import RecorderOptions
 from . import records
 from .rows import Rows
@@ -108,7 +108,7 @@ def build(rows: Rows, compress: Compressor) -> Chunk:
     start_ns, end_ns = int(rows.times.min()), int(rows.times.max())
     indexes, counts = _index(rows)
     data, compression = compress(block), compress.name
-    if len(block) > LARGE_BYTES and len(block) > LARGE_RATIO * len(data):
+    if is_like_a_bomb(len(block), len(data)):
         data, compression = block, ""
     head = records.chunk_head(start_ns, end_ns, len(block), crc, compression, len(data))
     return Chunk(head, data, compression, len(block), start_ns, end_ns, indexes, counts)
