@@ -10,6 +10,10 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+_MOST_STRUCTS = 50
+"""Structs in structs; columns that lie deeper keep their dotted names, because pyarrow reads no Parquet file with more
+than 100 levels."""
+
 
 @dataclass(frozen=True, slots=True)
 class Tree:
@@ -86,7 +90,7 @@ def _struct(type_: pa.DataType, found: Tree, columns: Mapping[str, pa.Array]) ->
 
 def _path(name: str, literal: Collection[str]) -> tuple[str, ...]:
     parts = tuple(name.split("."))
-    return (name,) if name in literal or not all(parts) else parts
+    return (name,) if name in literal or not all(parts) or len(parts) > _MOST_STRUCTS else parts
 
 
 def _parents(name: str) -> Iterable[str]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from .table import arrow_type
+from .table import arrow_type, is_shallow
 
 Types = dict[str, pa.DataType | None]
 """Of keys; None for one whose values no type holds."""
@@ -31,7 +31,15 @@ def of_rows(rows: Sequence[Mapping[str, Any]], names: Sequence[str] | None = Non
     """
     there = dict.fromkeys(chain.from_iterable(rows))
     wanted = there if names is None else [name for name in names if name in there]
-    return {name: _of_values([row[name] for row in rows if name in row]) for name in wanted}
+    types = {name: _of_values([row[name] for row in rows if name in row]) for name in wanted}
+    return {name: type_ if type_ is None or _is_shallow(type_) else None for name, type_ in types.items()}
+
+
+def _is_shallow(type_: pa.DataType) -> bool:
+    """Whether columns have such types, those of a dict's keys."""
+    if pa.types.is_struct(type_):
+        return all(map(_is_shallow, _fields(type_).values()))
+    return is_shallow(type_)
 
 
 def _of_values(values: list[Any], *, in_list: bool = False) -> pa.DataType | None:

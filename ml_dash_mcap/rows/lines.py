@@ -34,7 +34,7 @@ _SIDE_KEY = pa.field(EXACT_KEY, pa.struct([]))
 _FIRST, _LAST = itemgetter(0), itemgetter(-1)
 _BEGIN, _END = {ord("{")}, {ord("}")}
 
-_FEW = 8
+_FEW = 16
 """Rows that mostly tell the types of all; if they do not, the others are looked at too."""
 
 _MANY_KEYS = 16
@@ -114,7 +114,7 @@ class LineReader:
         Rows with the side key are such ones.
         """
         if not self._known:
-            self._learn([row for row in _decoded(lines.payloads[:_FEW]) or [] if EXACT_KEY not in row])
+            self._learn(_some_rows(lines.payloads))
         flat = self._expected(lines)
         return self._learned(lines) if flat is None and _EXACT not in lines.text else flat
 
@@ -141,6 +141,8 @@ class LineReader:
 
     def _learned(self, lines: Lines) -> dict[str, pa.Array] | None:
         """Read lines in the types that their own values have."""
+        if None in self._learn(_some_rows(lines.payloads)).values():  # what does not hold some rows does not hold all
+            return None
         rows = _decoded(lines.payloads)
         if rows is None or any(EXACT_KEY in row for row in rows):  # which was spelled with escapes
             return None
@@ -183,6 +185,12 @@ def _decoded(payloads: Sequence[bytes]) -> list[dict[str, Any]] | None:
     except orjson.JSONDecodeError:
         return None
     return rows if {*map(type, rows)} == {dict} else None
+
+
+def _some_rows(payloads: Sequence[bytes]) -> list[dict[str, Any]]:
+    """Return a few rows from all over the payloads, of those that pyarrow is to read."""
+    rows = _decoded(payloads[:: -(-len(payloads) // _FEW)])
+    return [] if rows is None else [row for row in rows if EXACT_KEY not in row]
 
 
 def _first_row(lines: Lines) -> dict[str, Any]:
@@ -248,8 +256,8 @@ def _read(text: bytes, fields: list[pa.Field], unexpected: str) -> pa.Table | No
 
 def _has_empty_dict(text: bytes) -> bool:
     """Whether an empty dict stands somewhere, perhaps in a text; a search for it would keep other threads waiting."""
-    for first in (0, 1):
-        pairs = np.frombuffer(text, "<u2", (len(text) - first) // 2, first)
-        if (pairs == int.from_bytes(b"{}", "little")).any():
-            return True
-    return any(blank in text for blank in (b"{ ", b"{\n", b"{\r", b"{\t")) and bool(_BLANK_DICT.search(text))
+    marks = np.frombuffer(text, np.uint8)
+    after = marks[np.flatnonzero(marks[:-1] == ord("{")) + 1]
+    if (after == ord("}")).any():
+        return True
+    return bool((after <= ord(" ")).any()) and bool(_BLANK_DICT.search(text))

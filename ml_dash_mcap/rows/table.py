@@ -29,6 +29,9 @@ VALUE_KEY = "_value"
 BLOCK_ROWS = 8192
 """Rows are turned into columns by so many at a time, which is faster than holding all as Python objects."""
 
+_MOST_LEVELS = 40
+"""Of the 100 that pyarrow reads from a Parquet file; some are left for the dicts that a column lies in."""
+
 _SAFE_INT = 2**53
 _INT64 = (-(2**63), 2**63 - 1)
 
@@ -140,7 +143,7 @@ def _column(values: list[Any]) -> Column:
         values = array_columns.lists(values)
     with contextlib.suppress(UnicodeEncodeError):  # text with lone surrogates
         type_ = arrow_type(values)
-        if type_ is not None:
+        if type_ is not None and is_shallow(type_):
             return Column(pa.array(values, type=type_))
     return Column(pa.array([None if value is None else to_text(value) for value in values], type=pa.string()), True)
 
@@ -240,6 +243,17 @@ def arrow_type(values: list[Any]) -> pa.DataType | None:
     if len(kinds) == 1:
         return _SIMPLE.get(kinds.pop())
     return None
+
+
+def is_shallow(type_: pa.DataType) -> bool:
+    """Whether a type is nested so little that Parquet's readers take it; deeper values are JSON text."""
+    return _levels(type_) <= _MOST_LEVELS
+
+
+def _levels(type_: pa.DataType) -> int:
+    """Return how many levels a type has in a Parquet file: two for a list, one for a dict."""
+    inner = max((_levels(type_.field(at).type) for at in range(type_.num_fields)), default=0)
+    return inner + (2 if _is_list(type_) else 1)
 
 
 _SIMPLE = {bool: pa.bool_(), str: pa.string(), bytes: pa.binary()}

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from ml_dash_mcap import Recording
@@ -48,3 +50,19 @@ def test_an_integer_beyond_64_bits_is_the_nearest_double_beside_nan_too(tmp_path
     odd_json.write(tmp_path / "a.mcap", [b'{"a":123456789012345678901}', b'{"a":123456789012345678901,"b":NaN}'])
     with Recording(tmp_path / "a.mcap") as recording:
         assert recording[odd_json.TOPIC].to_arrow().column("a").to_pylist() == [1.2345678901234568e20] * 2
+
+
+@pytest.mark.parametrize("depth", [10, 18, 19, 20, 45, 50, 90, 120])
+@pytest.mark.parametrize(("begin", "end"), [(b'{"a":', b"}"), (b"[", b"]"), (b'[{"a":', b"}]")])
+def test_values_however_deep_make_a_parquet_file_that_pyarrow_reads(
+    tmp_path: Path, depth: int, begin: bytes, end: bytes
+) -> None:
+    payload = b'{"a":' + begin * depth + b"1" + end * depth + b"}"
+    odd_json.write(tmp_path / "a.mcap", [payload, payload])
+    with Recording(tmp_path / "a.mcap") as recording:
+        recording.export(tmp_path / "out", format="parquet")
+        (whole,) = recording[odd_json.TOPIC].to_arrow().column_names[1:]
+        pq.read_table(io.BytesIO(recording[odd_json.TOPIC].read(format="parquet")))
+    (path,) = (tmp_path / "out").rglob("*.parquet")
+    assert pq.read_table(path).num_rows == 2
+    assert whole == "a" if begin != b'{"a":' else whole == ".".join("a" * (depth + 1))
