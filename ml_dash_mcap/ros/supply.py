@@ -112,7 +112,9 @@ def settled(name: str, text: str, supply: Supply) -> Supply:
         find = Finder(candidate, name)
         whole = definitions.complete(name, text, is_ros1=supply.is_ros1, find=find)
         digest = stores.digest_of_others(name, whole, is_ros1=supply.is_ros1)
-        if digest is None or supply.digest in (digest, "*"):
+        if digest is None:  # which leaves it open
+            return replace(supply, digest="")
+        if supply.digest in (digest, "*"):
             return candidate
     borrowed = ", ".join(find.borrowed)
     raise EncodingError(f"with {borrowed} as ROS has it, the hash of {name} is not {supply.digest}")

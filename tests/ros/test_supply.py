@@ -277,3 +277,10 @@ def test_a_service_or_an_action_is_given_by_its_own_name() -> None:
     ]
     with pytest.raises(EncodingError, match="no standard message"):
         decoder("p/msg/No_Event", "", "", supply=known)
+
+
+def test_a_hash_that_cannot_be_compared_settles_nothing() -> None:
+    service = "sensor_msgs/Range range\n---\nbool ok\n"
+    found = definition("p/srv/Ask_Request", "ros2msg", service, supply(digest="RIHS01_00"))
+    assert list(found.messages["p/Ask_Request"]) == ["range"]
+    assert "sensor_msgs/Range is taken for that of humble" in found.guesses[0]
