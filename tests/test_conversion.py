@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from ml_dash_mcap import ConversionWarning, DamagedFileError, Limits, Recording, UsageError, convert
+from ml_dash_mcap import ConversionWarning, DamagedFileError, ForeignFileError, Limits, Recording, UsageError, convert
 from tests.support.files import draft, finished, save
 
 CHUNKS = [{"arm": [{"n": at, "_ts": float(at)}]} for at in range(3)]
@@ -71,3 +71,15 @@ def test_an_option_that_neither_has_is_refused_with_those_there_are(tmp_path: Pa
     said = message(UsageError, lambda: convert(src, tmp_path / "arm.parquet", **options))
     assert str(src) in said and "on_damage" in said and "flatten" in said
     assert not (tmp_path / "arm.parquet").exists()
+
+
+def test_a_text_among_the_times_of_a_table_is_refused_with_its_line_or_left_out(tmp_path: Path) -> None:
+    src = tmp_path / "arm.csv"
+    src.write_text("_ts,x\n0.0,1\nabc,2\n2.0,3\n")
+    said = message(ForeignFileError, lambda: convert(src, tmp_path / "run"))
+    assert f"{src}: line 3: the time is" in said and "abc" in said and "on_bad" in said
+    assert os.listdir(tmp_path) == ["arm.csv"]
+    with pytest.warns(ConversionWarning, match="1 rows without a time were left out"):
+        convert(src, tmp_path / "run", on_bad="missing")
+    with Recording(tmp_path / "run") as recording:
+        assert list(recording["arm"].rows()) == [{"x": 1, "_ts": 0.0}, {"x": 3, "_ts": 2.0}]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections.abc import Collection, Iterator, Mapping
@@ -204,10 +205,24 @@ class _Own(_Intake):
 
     def add(self, batch: pa.RecordBatch) -> None:
         name = self._table.time_name
-        times = np.array(batch.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False), np.float64)
-        batch, times = self._timed(batch, times, name)
+        batch, times = self._timed(batch, _doubles(batch.column(name)), name)
         if batch.num_rows:
             self._table.append(self._topic, times, batch)
+
+
+def _doubles(column: pa.Array) -> npt.NDArray[np.float64]:
+    """Return a column's numbers; NaN for what is none, such as a text that somebody put among the times."""
+    try:
+        return np.array(column.cast(pa.float64()).to_numpy(zero_copy_only=False), np.float64)
+    except pa.ArrowException:
+        return np.array([_double(value) for value in column.to_pylist()])
+
+
+def _double(value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return math.nan
 
 
 def append(
