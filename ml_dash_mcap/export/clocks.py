@@ -65,7 +65,9 @@ class Clock:
         if decimals is None:
             return None
         steps = np.diff(self.times_ns)
-        shortest_s = min(steps[steps > 0], default=0) / NS_PER_S if not self.is_resampled else 1 / self.rate
+        shortest_s = min(steps[steps > 0], default=0) / NS_PER_S
+        if self.is_resampled and self.rate:
+            shortest_s = 1 / self.rate
         needed = math.ceil(-math.log10(shortest_s * frames.TOLERANCE)) if shortest_s else 0
         return max(decimals, min(needed, _MOST_DECIMALS))
 

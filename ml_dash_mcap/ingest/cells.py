@@ -25,8 +25,11 @@ Floats = npt.NDArray[np.float64]
 Texts = Mapping[int, Sequence[str | None]]
 """Columns of text, by their number."""
 
-MISSING = ("", "nan", "NaN", "NAN", "-nan")
-"""How files spell that there is no number."""
+MISSING = (
+    *("", "nan", "NaN", "NAN", "Nan", "-nan", "+nan", "-NaN"),
+    *("nan(ind)", "-nan(ind)", "1.#IND", "-1.#IND", "1.#QNAN", "-1.#QNAN", "1.#QNAN0", "-1.#IND00", "1.#QNAN00"),
+)
+"""How files spell that there is no number; the last are those of Microsoft's C."""
 
 _CHUNK_BYTES = 1 << 21
 _LONGEST_LINE_BYTES = 1 << 24

@@ -10,8 +10,8 @@ from zoneinfo import ZoneInfo
 
 from ..errors import ForeignFileError, OptionError
 from ..mocap.space import UNITS
-from .dialect import BLANKS, Dialect, number
-from .plain_text import decoded
+from .dialect import Dialect, number
+from .plain_text import decoded, is_filler
 
 _LONGEST_BYTES = 1 << 26
 _PREVIEW_BYTES = 1 << 16
@@ -52,13 +52,13 @@ class Header:
         return decoded(raw).lstrip("\ufeff").rstrip("\r\n") if self.line == 1 else decoded(raw).rstrip("\r\n")
 
     def first(self, what: str) -> str:
-        """Return the next line that has more than blanks and separators.
+        """Return the first line that says something.
 
         Raises:
             ForeignFileError: As `next`.
         """
         line = self.next(what)
-        while not line.strip(f'{BLANKS},;"'):
+        while is_filler(line):
             line = self.next(what)
         return line
 

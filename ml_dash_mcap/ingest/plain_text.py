@@ -13,6 +13,7 @@ from typing import IO, BinaryIO, cast
 _SNIFFED_BYTES = 1 << 16
 _PIECE_BYTES = 1 << 20
 _IN_MEMORY_BYTES = 1 << 23
+_EXCEL = re.compile(r'"?sep=.{0,2}"?[\t,;]*', re.IGNORECASE)
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
@@ -24,7 +25,12 @@ def first_line(path: Path) -> str:
         data = file.read(4096)
     text = data.decode("utf-16", "replace") if data.startswith(_UTF_16) else decoded(data)
     lines = re.split(r"[\r\n]+", text.lstrip("\ufeff"))
-    return next((line for line in lines if line.strip(' \t,;"')), "")
+    return next((line for line in lines if not is_filler(line)), "")
+
+
+def is_filler(line: str) -> bool:
+    """Whether a line before all others says nothing: blanks, separators, or what tells Excel the separator."""
+    return not line.strip(' \t\r\n,;"') or _EXCEL.fullmatch(line.strip()) is not None
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from .cells import Cells, Floats, Part
 from .dialect import Dialect, number, of_line
 from .headers import Header, check_on_bad, preview, without_empty_end
 from .names import distinct
-from .plain_text import first_line, opened
+from .plain_text import first_line, is_filler, opened
 from .timing import Clue, Timing
 from .tracks import Report, Tracks
 from .trc import about_points, marker
@@ -31,6 +31,8 @@ _FIRST_WORD = re.compile(r'[ \t"]*(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS)"? *[
 _WORD = re.compile(r"[A-Z][A-Z0-9_]*$")
 _BODY_COLUMNS = 16
 """X Y Z, roll pitch yaw, residual, and the rotation matrix column by column."""
+_SHORT_BODY_COLUMNS = 7
+"""The same without the matrix, which an export may leave out."""
 _OUT_COLUMNS = 11
 """Position, quaternion, angles and residual of a body."""
 
@@ -74,7 +76,7 @@ def record(
         keys, has_times = _keys(src, header, dialect)
         has_bodies = "BODY_NAMES" in keys
         names = _names(keys["BODY_NAMES" if has_bodies else "MARKER_NAMES"], "body" if has_bodies else "marker")
-        per_name = _BODY_COLUMNS if has_bodies else 3
+        per_name = _columns_of_body(file, dialect, 2 * has_times, len(names)) if has_bodies else 3
         count = per_name * len(names)
         note = placement.from_text(_one(keys, NOTE_WORD), count)
         is_length = [at % per_name < 3 or (has_bodies and at % per_name == 6) for at in range(count)]
@@ -109,7 +111,9 @@ def record(
         for part in cells.read(file, line):
             if not has_times:
                 part = _without_end(part, row, most)
-            numbers = _bodies(part.values[:, leading:]) if has_bodies else part.values[:, leading:]
+            numbers = part.values[:, leading:]
+            if has_bodies:
+                numbers = _bodies(numbers, per_name)
             if note and not has_bodies:
                 restored.turn_back(numbers, note, groups, ())
             frames = part.values[:, 0] if has_times else np.arange(row, row + len(numbers), dtype=np.float64)
@@ -126,6 +130,8 @@ def _keys(path: Path, header: Header, dialect: Dialect) -> tuple[dict[str, list[
     while True:
         at = header.at()
         line = header.next("its numbers")
+        if not keys and is_filler(line):
+            continue
         cells = dialect.split(line)
         if cells[0] == "Frame":
             break
@@ -197,13 +203,26 @@ def _placed(name: str, at: int, topic: str, has_bodies: bool) -> list[Placement]
     ]
 
 
-def _bodies(numbers: Floats) -> Floats:
-    """Return position, quaternion, angles and residual of each body, [N, 11 B], of what the file says, [N, 16 B]."""
+def _columns_of_body(file: BinaryIO, dialect: Dialect, leading: int, bodies: int) -> int:
+    """Return how many columns each body has, by the longest of the first rows."""
+    lines, _ = preview(file)
+    longest = max((len(without_empty_end(dialect.split(line))) for line in lines[:100]), default=0)
+    return _SHORT_BODY_COLUMNS if longest - leading <= _SHORT_BODY_COLUMNS * bodies else _BODY_COLUMNS
+
+
+def _bodies(numbers: Floats, columns: int) -> Floats:
+    """Return position, quaternion, angles and residual of each body, [N, 11 B].
+
+    Args:
+        numbers: What the file says, [N, columns * B].
+        columns: Of each body; without a matrix there is no quaternion.
+    """
     found = []
-    for at in range(0, numbers.shape[1], _BODY_COLUMNS):
-        body = numbers[:, at : at + _BODY_COLUMNS]
-        matrices = body[:, 7:].reshape(-1, 3, 3).transpose(0, 2, 1)
-        turns, bad = rotations.of_matrices(matrices)
-        turns[bad] = np.nan
+    for at in range(0, numbers.shape[1], columns):
+        body = numbers[:, at : at + columns]
+        turns = np.full((len(body), 4), np.nan)
+        if columns == _BODY_COLUMNS:
+            turns, bad = rotations.of_matrices(body[:, 7:].reshape(-1, 3, 3).transpose(0, 2, 1))
+            turns[bad] = np.nan
         found.append(np.concatenate((body[:, :3], turns, body[:, 3:7]), axis=1))
     return np.concatenate(found, axis=1)

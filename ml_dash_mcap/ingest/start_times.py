@@ -67,7 +67,7 @@ _DATES = (
     (re.compile(r"(\d{4})[-/.年](\d{1,2})[-/.月](\d{1,2})日?(?!\d)"), (1, 2, 3)),
     (re.compile(r"(?<!\d)(\d{1,2})\.(\d{1,2})\.(\d{4})(?!\d)"), (3, 2, 1)),
 )
-_TIME = re.compile(r"(?<!\d)(\d{1,2})[.:](\d\d)[.:](\d\d)(?:[.,:](\d{1,9}))?(?!\d)")
+_TIME = re.compile(r"(?<!\d)(\d{1,2})[.,:](\d\d)[.,:](\d\d)(?:[.,:](\d{1,9}))?(?!\d)")
 
 
 def read(path: Path, text: str, what: str, timezone: str) -> float | None:

@@ -11,6 +11,7 @@ from ..mocap import placement
 from ..mocap.placement import NOTE_KEY, Note
 from .dialect import BLANKS, Dialect, number, of_line
 from .headers import Header, refuse_numbers, without_empty_end
+from .plain_text import is_filler
 
 SECTIONS = ("Trajectories", "Devices", "Model Outputs", "Joints", "Segments", "Objects", "Bones", "Events")
 """What the first line of a section says; others are read too if they are laid out like these."""
@@ -66,7 +67,7 @@ def read(path: Path, file: BinaryIO) -> Contents:
     header, found = Header(path, file), Contents()
     while (line := header.next_or_none()) is not None:
         title = title_of(line)
-        if not title:
+        if not title or is_filler(line):
             continue
         if title == NOTE_KEY:
             text = (header.next_or_none() or "").strip(BLANKS)

@@ -27,6 +27,16 @@ def test_a_body_has_its_angles_and_its_residual_in_the_units_that_qtm_writes(tmp
     assert metadata["qtm"]["DESCRIPTION"] == "first try"
 
 
+def test_bodies_without_their_matrices_are_kept_apart(tmp_path: Path) -> None:
+    head = HEAD.replace("NO_OF_BODIES\t1", "NO_OF_BODIES\t2").replace("BODY_NAMES\tarm", "BODY_NAMES\tarm\tleg")
+    (tmp_path / "x.tsv").write_text(head + "1000\t0\t0\t1\t2\t3\t0.5\t2000\t0\t0\t4\t5\t6\t0.25\n")
+    back = read_back(tmp_path / "x.tsv", tmp_path / "back")
+    assert back == {
+        "arm": [{"pos": [1.0, 0.0, 0.0], "angles": [1.0, 2.0, 3.0], "residual": 0.0005, "_ts": 0.0}],
+        "leg": [{"pos": [2.0, 0.0, 0.0], "angles": [4.0, 5.0, 6.0], "residual": 0.00025, "_ts": 0.0}],
+    }
+
+
 def test_a_marker_without_a_name_keeps_its_place(tmp_path: Path) -> None:
     (tmp_path / "x.tsv").write_text(
         "FILE_VERSION\t2.0.0\nFREQUENCY\t100\nMARKER_NAMES\ta\t\tc\n1000\t0\t0\t2000\t0\t0\t3000\t0\t0\n"

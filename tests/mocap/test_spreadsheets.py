@@ -107,6 +107,22 @@ def test_rows_without_anything_are_none_wherever_they_stand(
     assert read_back(folder / name, folder / "back") == read_back(folder / "a" / name, folder / "wanted")
 
 
+@pytest.mark.parametrize("name", [name for name in FILES if name != "x.sto"])
+def test_the_line_that_tells_excel_the_separator_says_nothing(name: str, tmp_path: Path) -> None:
+    text, separator = FILES[name]
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / name).write_text(text)
+    (tmp_path / name).write_text(f"sep={separator}\n{text}")
+    assert read_back(tmp_path / name, tmp_path / "back") == read_back(tmp_path / "a" / name, tmp_path / "wanted")
+
+
+@pytest.mark.parametrize("spelling", ["-1.#IND", "1.#QNAN", "-nan(ind)", "NaN", "nan", "-nan", "", " "])
+def test_every_spelling_of_no_number_is_one(spelling: str, tmp_path: Path) -> None:
+    (tmp_path / "x.trc").write_text(TRC.replace("nan", spelling))
+    back = read_back(tmp_path / "x.trc", tmp_path / "back")
+    assert back["markers"][1] == {"markers": {"ee": [0.5, 0.0, 0.3]}, "_ts": 0.01}
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_headers_padded_with_blanks_read_the_same(name: str, tmp_path: Path) -> None:
     text, separator = FILES[name]
