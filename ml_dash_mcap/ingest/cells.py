@@ -39,7 +39,7 @@ _EDGES = re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 _DIALECT = Dialect(",")
 
 
-class _Chunk(NamedTuple):
+class Chunk(NamedTuple):
     """Some lines of a file."""
 
     data: bytes
@@ -121,7 +121,7 @@ class Cells:
         rows = [lenient._line(line, 0)[0] for line in lines if not self.dialect.is_blank(line)]
         return np.array(rows, np.float64).reshape(-1, self.columns)
 
-    def _chunks(self, file: BinaryIO, line: int, stop: int | None) -> Iterator[_Chunk]:
+    def _chunks(self, file: BinaryIO, line: int, stop: int | None) -> Iterator[Chunk]:
         rest, left = b"", None if stop is None else stop - file.tell()
         while True:
             chunk = file.read(_CHUNK_BYTES if left is None else min(_CHUNK_BYTES, left))
@@ -133,12 +133,12 @@ class Cells:
                 if len(rest) > _LONGEST_LINE_BYTES:
                     raise ForeignFileError(self.path, f"the line has more than {_LONGEST_LINE_BYTES} bytes", line)
             if data:
-                yield _Chunk(data, line, file.tell())
+                yield Chunk(data, line, file.tell())
             line += data.count(b"\n")
             if not chunk:
                 return
 
-    def _parse(self, chunk: _Chunk) -> Part:
+    def _parse(self, chunk: Chunk) -> Part:
         data = chunk.data
         if data.isspace() and not self.keeps_blank_rows:
             none: npt.NDArray[np.int64] = np.empty(0, np.int64)
@@ -147,7 +147,7 @@ class Cells:
             data = _EDGES.sub(b"", _BLANKS.sub(b" ", data))
         return self._fast(data, chunk) or self._slow(data, chunk)
 
-    def _fast(self, data: bytes, chunk: _Chunk) -> Part | None:
+    def _fast(self, data: bytes, chunk: Chunk) -> Part | None:
         """Return the rows of lines that are as they should be; None if any is not."""
         names = [str(number) for number in range(self.columns + self.padding)]
         shifts = [*(self.shifts or [0] * self.columns), *[0] * self.padding]
@@ -226,7 +226,7 @@ class Cells:
         texts = {at: [column[row] for row in keep.tolist()] for at, column in part.texts.items()}
         return Part(part.values[keep], part.lines[keep], texts, part.at, part.bad)
 
-    def _slow(self, data: bytes, chunk: _Chunk) -> Part:
+    def _slow(self, data: bytes, chunk: Chunk) -> Part:
         rows: list[list[float]] = []
         lines: list[int] = []
         texts: dict[int, list[str | None]] = {at: [] for at in self.texts}

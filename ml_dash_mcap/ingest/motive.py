@@ -98,7 +98,7 @@ def record(
             for part in parts:
                 times = when.stamps(part.values[:, 0], part.values[:, layout.time])
                 column = layout.time + 1
-                tracks.append_with(cells, times, part.values[:, leading:], part.lines, column, part.texts)
+                tracks.append_from(cells, times, part.values[:, leading:], part, column)
                 report.add(len(part.values), part.at)
         else:
             table = files.enter_context(sto.table(beside, on_bad=on_bad, start=start))

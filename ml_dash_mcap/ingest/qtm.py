@@ -118,7 +118,7 @@ def record(
                 restored.turn_back(numbers, note, groups, ())
             frames = part.values[:, 0] if has_times else np.arange(row, row + len(numbers), dtype=np.float64)
             times = when.stamps(frames, part.values[:, 1] if has_times else frames)
-            tracks.append_from(cells, times, numbers, part.lines, 2 if has_times else None)
+            tracks.append_from(cells, times, numbers, part, 2 if has_times else None)
             report.add(len(numbers), part.at)
             row += len(numbers)
     report.finish(cells.bad)

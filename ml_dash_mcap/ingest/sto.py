@@ -77,7 +77,7 @@ def record(
         tracks = Tracks(src, recorder, placements, metadata, skip_empty=found.note is not None)
         for part in found.parts():
             times = found.when.stamps(part.values[:, 0], part.values[:, 0])
-            tracks.append_from(found.cells, times, part.values[:, 1:], part.lines, 1)
+            tracks.append_from(found.cells, times, part.values[:, 1:], part, 1)
             report.add(len(part.values), part.at)
     report.finish(found.cells.bad)
 

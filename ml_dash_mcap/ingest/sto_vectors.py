@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..errors import ForeignFileError
 from ..mocap.placement import Placement
-from .cells import Cells, Part, _Chunk
+from .cells import Cells, Chunk, Part
 from .dialect import BLANKS, Dialect
 
 _AROUND = '~[]()"'
@@ -74,7 +74,7 @@ class VectorCells(Cells):
         super().__init__(path, 1 + kind.size * (columns - 1), dialect, on_bad=on_bad)
         self._kind = kind
 
-    def _parse(self, chunk: _Chunk) -> Part:
+    def _parse(self, chunk: Chunk) -> Part:
         plain = _AROUND_BYTES.sub(b"", _COMMAS.sub(b",", chunk.data))
         separator = self.dialect.separator
         if separator == " ":

@@ -17,7 +17,7 @@ from ..mocap.placement import Placement
 from ..recorder import Recorder
 from ..topic import Topic
 from . import Progress, names
-from .cells import Cells, Floats, Texts
+from .cells import Cells, Floats, Part
 
 TEXT_FIELD = "time_code"
 """The field of a table's time codes, in all of its topics."""
@@ -113,28 +113,21 @@ class Arrays:
 class Tracks(Arrays):
     """The same out of a text file, whose times may be none."""
 
-    def append_from(
-        self, cells: Cells, times: Floats, values: Floats, lines: npt.NDArray[np.int64], column: int | None = None
-    ) -> None:
+    def append_from(self, cells: Cells, times: Floats, values: Floats, part: Part, column: int | None = None) -> None:
         """Append rows.
 
         Args:
             cells: The table that they come from; counts a time that is none.
             times: Time stamps, [N], s.
             values: [N, C]; a field without any of its numbers is absent from the row.
-            lines: Where in the file they stand, [N].
+            part: Where they stand in the file, and their time codes, which are the only column of text.
             column: Which cell of a line says the time, for the error message, from 1.
 
         Raises:
             ForeignFileError: A time is missing, negative or too large.
         """
-        times, keep = checked(cells, times, lines, column)
-        self.append(times, values if keep is None else values[keep])
-
-    def append_with(self, cells: Cells, times: Floats, values: Floats, lines: Any, column: int, texts: Texts) -> None:
-        """Append rows with their time codes, which are the only column of text."""
-        times, keep = checked(cells, times, lines, column)
-        text = next(iter(texts.values()), ())
+        text = next(iter(part.texts.values()), ())
+        times, keep = checked(cells, times, part.lines, column)
         if keep is not None:
             values, text = values[keep], [text[at] for at in np.flatnonzero(keep).tolist()] if text else ()
         self.append(times, values, text)

@@ -93,7 +93,7 @@ def record(
             if note:
                 restored.turn_back(numbers, note, groups, ())
             times = when.stamps(part.values[:, 0], part.values[:, 1])
-            tracks.append_from(cells, times, numbers, part.lines, 2)
+            tracks.append_from(cells, times, numbers, part, 2)
             report.add(len(numbers), part.at)
     report.finish(cells.bad)
 

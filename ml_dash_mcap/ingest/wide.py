@@ -72,7 +72,7 @@ def record(
         tracks = Tracks(src, recorder, placements, dict.fromkeys(topics, when.metadata), skip_empty=len(topics) > 1)
         for part in cells.read(file, header.line + 1):
             times = when.stamps(part.values[:, 0], part.values[:, 1])
-            tracks.append_from(cells, times, part.values[:, 2:], part.lines, 2)
+            tracks.append_from(cells, times, part.values[:, 2:], part, 2)
             report.add(len(part.values), part.at)
     report.finish(cells.bad)
 
