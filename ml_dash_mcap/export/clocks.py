@@ -161,9 +161,16 @@ def find(
 
 
 def _times(job: Job, topic: str, low: int, high: int) -> npt.NDArray[np.int64]:
-    """Return the times of a topic's rows, ascending, in ns; those of a track have merged where they are the same."""
-    found = counts.times(job.files, topic, low, high).astype(np.int64)
-    return np.unique(found) if counts.kind(job.files, topic) == TRACK else np.sort(found)
+    """Return the times of a topic's rows, ascending, in ns; those of a track merge where their doubles are the same."""
+    found = np.sort(counts.times(job.files, topic, low, high).astype(np.int64))
+    if counts.kind(job.files, topic) != TRACK or np.diff(found).all():
+        return found
+    distinct = np.unique(found)
+    is_whole = len(found) == len(counts.times(job.files, topic, 0, rows.LAST_NS))
+    if is_whole and counts.count(job.files, topic) == len(distinct):
+        return distinct
+    stamps = np.array([row[TIME_KEY] for row in job.selection(topic).rows()], np.float64)
+    return clocks.to_nanoseconds_each(stamps).astype(np.int64)  # two doubles may be in one nanosecond
 
 
 def _union(times: list[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:

@@ -68,8 +68,8 @@ def spacing(times_ns: Times) -> Spacing:
 
 
 def mean_rate(times_ns: Times, frames: Times) -> float:
-    """Return the rate over all frames, in Hz; 0.0 for fewer than two."""
-    if len(frames) < 2:
+    """Return the rate over all frames, in Hz; 0.0 for fewer than two, and for frames of one time."""
+    if len(frames) < 2 or times_ns[-1] == times_ns[0]:
         return 0.0
     rate = float(frames[-1]) * NS_PER_S / float(times_ns[-1] - times_ns[0])
     rounded = round(rate, 6)

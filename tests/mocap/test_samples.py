@@ -176,6 +176,16 @@ def test_rows_of_one_time_are_messages_of_a_bag_each(format: str, tmp_path: Path
             assert times == [250_000_000, 500_000_000, 500_000_000], connection.topic
 
 
+def test_two_time_stamps_in_one_nanosecond_are_two_rows_of_a_table(tmp_path: Path) -> None:
+    rows = [{"q": [float(at)], "_ts": time} for at, time in enumerate((0.5, 0.9999999999999999, 1.0, 1.5))]
+    with record(tmp_path / "run", {"robot": rows}) as recording:
+        wide_file = recording.export(tmp_path / "wide.csv", format="mocap", layout="wide")
+        sto_file = recording.export(tmp_path / "x.sto", format="sto")
+    (back,) = read_back(wide_file, tmp_path / "a").values()
+    assert back == rows
+    assert read_back(sto_file, tmp_path / "b")["robot"] == rows
+
+
 def test_a_format_of_frames_says_that_it_has_no_place_for_two_rows_of_one_time(tmp_path: Path) -> None:
     text = "DataType=Vec3\nversion=3\nendheader\ntime\ttip_pos\n0\t1,2,3\n0.5\t1,2,3\n0.5\t4,5,6\n1\t1,2,3\n"
     (tmp_path / "x.sto").write_text(text)
