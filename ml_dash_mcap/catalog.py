@@ -89,7 +89,7 @@ def _look_at(folder: Path) -> CatalogEntry:
     try:
         with Recording(folder, on_damage="skip") as recording:
             size = sum(path.stat().st_size for path in recording.segments)
-            problem = next((f"{loss.path.name}: {loss.what}" for loss in recording.losses), None)
+            problem = next((f"{loss.path.name}: {loss.what}" for loss in recording.losses if not loss.corrected), None)
             return CatalogEntry(
                 folder,
                 "damaged" if problem else run_status(recording),
@@ -101,8 +101,8 @@ def _look_at(folder: Path) -> CatalogEntry:
                 problem,
             )
     except (RecorderError, OSError) as error:
-        if isinstance(error, MissingRecordingError) and _is_recorded(folder):  # before its first rows
-            return CatalogEntry(folder, "recording")
+        if isinstance(error, MissingRecordingError):  # before its first rows
+            return CatalogEntry(folder, "recording" if _is_recorded(folder) else "died")
         return CatalogEntry(folder, "damaged", problem=str(error))
 
 

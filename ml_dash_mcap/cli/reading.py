@@ -41,8 +41,8 @@ def opened(arguments: argparse.Namespace) -> Iterator[Recording]:
 
 
 def code(recording: Recording) -> int:
-    """Say on the standard error what was lost; returns the exit code."""
+    """Say on the standard error what was lost, and what was wrong and corrected; returns the exit code."""
     for loss in recording.losses:
-        known = "" if loss.messages is None else f" ({loss.messages} messages)"
-        print(f"lost: {loss.path}, byte {loss.offset}: {loss.what}{known}", file=sys.stderr)
-    return 3 if recording.losses else 0
+        known = "" if loss.messages is None or loss.corrected else f" ({loss.messages} messages)"
+        print(f"{'corrected' if loss.corrected else 'lost'}: {loss}{known}", file=sys.stderr)
+    return 0 if all(loss.corrected for loss in recording.losses) else 3

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ..errors import DamagedFileError
 from . import records
 from .fields import Bytes, Fields
-from .limits import Limits
+from .limits import Limits, of_file
 from .records import Chunk, ChunkHead, MessageIndex, Opcode
 
 MESSAGE_HEAD = np.dtype(
@@ -106,7 +106,7 @@ def check_size(chunk: Chunk, path: str, limits: Limits) -> None:
         largest = max(size, chunk.length)
         what = f"a chunk of {largest} bytes; the limit is {limits.chunk_bytes} (Limits.chunk_bytes)"
         raise LimitError(path, chunk.offset, f"{what}; limits=Limits(chunk_bytes={largest}) reads it")
-    allowed = limits.of_file(0).any_ratio_bytes or 0
+    allowed = of_file(limits, 0).any_ratio_bytes or 0
     if size > allowed and size > limits.ratio * packed:
         what = f"a chunk that unpacks {packed} bytes to {size}; the limit is {limits.ratio} times (Limits.ratio)"
         what = f"{what} beyond {allowed} bytes (Limits.any_ratio_bytes)"

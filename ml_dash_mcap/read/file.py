@@ -58,7 +58,7 @@ class File:
         self.path = path
         is_new = path.name.endswith(ACTIVE_SUFFIX)
         self.source: Source = LocalFile(path, stays_open=is_new)
-        self.limits = limits_ = limits_.of_file(self.source.stored_bytes())
+        self.limits = limits_ = limits.of_file(limits_, self.source.stored_bytes())
         self.salvages = salvages
         self.decoding = decoding_
         self._losses = Losses()
@@ -470,7 +470,7 @@ class File:
     def _metadata_at(self, entry: records.MetadataEntry) -> records.Metadata:
         name = self.source.name
         if entry.length > self.limits.record_bytes:
-            raise DamagedFileError(name, entry.offset, self.limits.beyond("a metadata record", entry.length))
+            raise DamagedFileError(name, entry.offset, limits.too_long("a metadata record", entry.length, self.limits))
         data = self.source.read(entry.offset, entry.length)
         length = len(data) - records.PREFIX_BYTES
         if length < 0 or records.prefix(data, 0) != (Opcode.METADATA, length):

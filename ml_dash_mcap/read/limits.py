@@ -40,20 +40,23 @@ class Limits:
     summary_bytes: int = 128 * MIB
     """A summary section, in bytes; a file with a larger one is walked."""
 
-    def beyond(self, what: str, length: int) -> str:
-        """Say that a record is longer than `record_bytes`, and how to read it all the same."""
-        limit = f"the limit is {self.record_bytes} (Limits.record_bytes)"
-        return f"{what} of {length} bytes; {limit}; limits=Limits(record_bytes={length}) reads it"
-
-    def of_file(self, stored_bytes: int) -> Limits:
-        """Return the limits for a file.
-
-        Args:
-            stored_bytes: What the file takes on the disk, which for one with holes is less than it is long.
-        """
-        if self.any_ratio_bytes is not None:
-            return self
-        return replace(self, any_ratio_bytes=max(LARGE_BYTES, stored_bytes))
-
 
 DEFAULT = Limits()
+
+
+def of_file(limits: Limits, stored_bytes: int) -> Limits:
+    """Return limits with what depends on the file filled in.
+
+    Args:
+        limits: For files.
+        stored_bytes: What the file takes on the disk, which for one with holes is less than it is long.
+    """
+    if limits.any_ratio_bytes is not None:
+        return limits
+    return replace(limits, any_ratio_bytes=max(LARGE_BYTES, stored_bytes))
+
+
+def too_long(what: str, length: int, limits: Limits) -> str:
+    """Say that a record is longer than `record_bytes`, and how to read it all the same."""
+    limit = f"the limit is {limits.record_bytes} (Limits.record_bytes)"
+    return f"{what} of {length} bytes; {limit}; limits=Limits(record_bytes={length}) reads it"

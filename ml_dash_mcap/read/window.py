@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..errors import DamagedFileError
 from . import records
 from .fields import Fields
-from .limits import Limits
+from .limits import Limits, too_long
 from .source import Source
 
 _WINDOW_BYTES = 16 * 1024
@@ -57,6 +57,6 @@ class Window:
         if at_most is not None:
             length = min(length, at_most)
         if length > self._limits.record_bytes:
-            raise DamagedFileError(self.source.name, at, self._limits.beyond("a record", length))
+            raise DamagedFileError(self.source.name, at, too_long("a record", length, self._limits))
         start = at + records.PREFIX_BYTES
         return Fields(self.bytes(start, length), self.source.name, start)

@@ -25,7 +25,8 @@ from mcap.records import (
     Statistics,
 )
 
-from ml_dash_mcap import Recording
+from ml_dash_mcap import Recording, recordings
+from ml_dash_mcap.cli import main
 from ml_dash_mcap.read import ahead
 from tests.support.assemble import Draft, bundle
 from tests.support.samples import swap
@@ -352,3 +353,16 @@ def test_a_check_tells_of_every_lie_and_makes_it_true(tmp_path: Path, name: str,
         assert set(kinds) == {"index"}
         assert everything(rec) == answers()
         assert all(loss.corrected and loss.messages == 0 for loss in rec.losses)
+
+
+def test_a_file_that_says_something_wrong_is_neither_damaged_nor_a_failure_of_a_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "run").mkdir()
+    path = save(tmp_path / "run" / "a.mcap", AT_ONCE["a message index leaves out a message"])
+    [entry] = recordings(tmp_path)
+    assert (entry.status, entry.problem) == ("finished", None)
+    assert main(["cat", str(path), "b"]) == 0
+    output = capsys.readouterr()
+    assert len(output.out.splitlines()) == 3
+    assert output.err.startswith(f"corrected: {path}")
