@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ import c3d
 import ezc3d
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError, OptionError
@@ -256,6 +259,46 @@ def test_positions_of_rotations_are_lengths_like_those_of_points(tmp_path: Path)
     back = read_back(tmp_path / "x.c3d", tmp_path / "back")
     assert [row["pos"] for row in back["arm"]] == [[1.0, 2.0, 0.25]] * 3
     assert [row["quat"] for row in back["arm"]] == [[0.0, 0.0, 0.0, 1.0]] * 3
+
+
+@settings(max_examples=25, deadline=None)
+@given(data=st.data())
+def test_every_number_is_the_one_that_ezc3d_reads(
+    data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("c3d")
+    count, points = data.draw(st.integers(1, 40)), data.draw(st.integers(0, 4))
+    channels, samples = data.draw(st.integers(0 if points else 1, 3)), data.draw(st.integers(1, 4))
+    number = st.floats(-1e4, 1e4, width=32)
+    frames = []
+    for _ in range(count):
+        some = [
+            (*data.draw(st.tuples(number, number, number)), data.draw(st.sampled_from([0.0, -1.0])))
+            for _ in range(points)
+        ]
+        frames.append(
+            frame(some, data.draw(st.lists(number, min_size=channels * samples, max_size=channels * samples)))
+        )
+    point = {"USED": [points], "FRAMES": [count], "RATE": [50.0], "UNITS": ["mm"]}
+    point |= {"LABELS": [f"p{at}" for at in range(points)]} if points else {}
+    said: dict[str, Any] = {"POINT": point}
+    if channels:
+        names = [f"c{at}" for at in range(channels)]
+        scales = {"GEN_SCALE": [0.5], "SCALE": [2.0, 4.0, 0.25][:channels], "OFFSET": [0, 3, 2][:channels]}
+        said["ANALOG"] = {"USED": [channels], "LABELS": names, "RATE": [50.0 * samples], **scales}
+    file = folder / "x.c3d"
+    file.write_bytes(build(frames, said, points=points, analogs=channels * samples, samples=samples, rate=50.0))
+    judge = ezc3d.c3d(str(file))["data"]
+    back = read_back(file, folder / "back")
+    assert len(back.get("markers", [])) == (count if points else 0)
+    for at in range(points):
+        ours = [row.get("markers", {}).get(f"p{at}", [math.nan] * 3) for row in back["markers"]]
+        np.testing.assert_allclose(ours, judge["points"][:3, at].T / 1000, rtol=1e-12)
+    for at in range(channels):
+        np.testing.assert_allclose(
+            [row[f"c{at}"] for row in back["analog"]], judge["analogs"][0, at], rtol=1e-6, atol=1e-4
+        )
+        assert [row["_ts"] for row in back["analog"]] == [one / (50.0 * samples) for one in range(count * samples)]
 
 
 # What is missing, and what is wrong
