@@ -301,6 +301,21 @@ def test_every_number_is_the_one_that_ezc3d_reads(
         assert [row["_ts"] for row in back["analog"]] == [one / (50.0 * samples) for one in range(count * samples)]
 
 
+def test_an_offset_below_0_is_subtracted_as_the_format_says_and_c3d_does(tmp_path: Path) -> None:
+    """The user guide: (value - OFFSET) * SCALE * GEN_SCALE; ezc3d takes the offset without its sign."""
+    point = {"USED": [1], "FRAMES": [2], "RATE": [50.0], "SCALE": [-1.0], "UNITS": ["mm"], "LABELS": ["a"]}
+    analog = {"USED": [1], "LABELS": ["u"], "DESCRIPTIONS": ["u"], "RATE": [50.0]}
+    said = {
+        "POINT": {**point, "DESCRIPTIONS": ["a"], "DATA_START": [3]},
+        "ANALOG": {**analog, "GEN_SCALE": [0.5], "SCALE": [0.25], "OFFSET": [-2]},
+    }
+    file = tmp_path / "x.c3d"
+    file.write_bytes(build([frame([(1, 2, 3, 0)], [0.0])] * 2, said, points=1, analogs=1, samples=1, rate=50.0))
+    with file.open("rb") as handle:
+        judge = [float(values[0, 0]) for _, _, values in c3d.Reader(handle).read_frames()]
+    assert [row["u"] for row in read_back(file, tmp_path / "back")["analog"]] == judge == [0.25, 0.25]
+
+
 # What is missing, and what is wrong
 
 
