@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import lz4.frame
@@ -17,6 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
+from ml_dash_mcap.errors import MissingRecordingError
 from ml_dash_mcap.layout import LARGE_BYTES
 from tests.support import every_read, raw
 
@@ -372,7 +374,7 @@ def chunk_that_says_it_is_of_another_time() -> bytes:
     return of_rows((5, b"{}"), times=(100, 200))
 
 
-@case(REFUSED)
+@case(READ)
 def number_of_a_million_digits() -> bytes:
     return of_rows((1, b'{"a":' + b"9" * 1_000_000 + b"}"))
 
@@ -491,7 +493,7 @@ def test_a_folder_from_outside_cannot_have_the_journal_of_a_living_recorder_dele
         hostile.mkdir()
         said = {"session": session, "journals": f"{tmp_path}/.ml_dash-*.journal"}
         (hostile / ".ml_dash-x.json").write_text(json.dumps(said))
-        with Recording(hostile):
+        with suppress(MissingRecordingError), Recording(hostile):
             pass
         assert journals
         assert sorted(tmp_path.glob(".ml_dash-*.journal")) == journals
