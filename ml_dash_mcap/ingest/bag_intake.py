@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,7 @@ class Intake:
         types: Types,
         wanted: Iterable[Channel],
         uses_header: bool,
+        salvages: bool = False,
     ) -> None:
         """Open a topic of the recorder for each channel that is wanted.
 
@@ -94,6 +96,7 @@ class Intake:
             types: What is known of the bag's types.
             wanted: Channels whose messages become rows.
             uses_header: Whether `_ts` is the header's stamp, for messages of others.
+            salvages: Whether to leave out messages that are not what their type says, and note them in `losses`.
 
         Raises:
             EncodingError: A type is not known, and that was not to be.
@@ -103,6 +106,9 @@ class Intake:
         self._origins = origins
         self._types = types
         self._uses_header = uses_header
+        self._salvages = salvages
+        self.losses: list[str] = []
+        """What was left out so far, in words."""
         self._adders: dict[Channel, Callable[[Batch], None]] = {}
         for channel in wanted:
             self._adders[channel] = (
@@ -117,8 +123,22 @@ class Intake:
         return set(self._adders)
 
     def add(self, batch: Batch) -> None:
-        """Take some messages."""
-        self._adders[batch.channel](batch)
+        """Take some messages; of those that are damaged the rest, where that is wanted.
+
+        Raises:
+            DamagedFileError: A message is not what its type says; then none is taken.
+        """
+        try:
+            self._adders[batch.channel](batch)
+        except DamagedFileError as error:
+            if not self._salvages:
+                raise
+            if len(batch.payloads) == 1:
+                self.losses.append(str(error))
+                return
+            middle = len(batch.payloads) // 2
+            for part in (slice(0, middle), slice(middle, None)):
+                self.add(Batch(batch.channel, batch.times_ns[part], batch.payloads[part]))
 
     def _own(self, channel: Channel, message: Message) -> Callable[[Batch], None]:
         """Return what takes messages that say all that our rows said."""
@@ -135,17 +155,13 @@ class Intake:
         type_ = lossless.struct(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
 
         def add(batch: Batch) -> None:
-            try:
+            with self._named(batch):
                 column = unpack(type_, batch.payloads, is_ros1=channel.is_ros1)
                 plain = restore.plain(message, column)
-                rows = restore.rows(message, column) if plain is None else []
-            except ValueError as error:
-                what = f"a message of topic {channel.topic!r} from {batch.times_ns[0]} ns on is no {channel.type}"
-                raise DamagedFileError(self._src, 0, f"{what}: {error}") from error
-            if plain is None:
-                topic.append_batch(rows)
-            else:
-                topic.append_columns(_ts=column["ts"], **plain)
+                if plain is None:
+                    topic.append_batch(restore.rows(message, column))
+                else:
+                    topic.append_columns(_ts=column["ts"], **plain)
 
         return add
 
@@ -154,8 +170,11 @@ class Intake:
         type_ = lossless.struct(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
 
         def add(batch: Batch) -> None:
-            rows = restore.rows(message, unpack(type_, batch.payloads, is_ros1=channel.is_ros1))
-            topic.append_at(rows, [_unshifted(row[TIME_KEY], at) for row, at in zip(rows, batch.times_ns, strict=True)])
+            with self._named(batch):
+                rows = restore.rows(message, unpack(type_, batch.payloads, is_ros1=channel.is_ros1))
+                pairs = zip(rows, batch.times_ns, strict=True)
+                times_ns = [_unshifted(row[TIME_KEY], time_ns) for row, time_ns in pairs]
+            topic.append_at(rows, times_ns)
 
         return add
 
@@ -170,17 +189,26 @@ class Intake:
                 decode_one = self._decoder(channel)
             rows, times_ns = [], []
             for time_ns, payload in zip(batch.times_ns, batch.payloads, strict=True):
-                try:
+                with self._named(Batch(channel, [time_ns], [payload])):
                     row = decode_one(payload)
-                except ValueError as error:
-                    what = f"the message of topic {channel.topic!r} at {time_ns} ns is no {channel.type}"
-                    raise DamagedFileError(self._src, 0, f"{what}: {error}") from error
                 if row is not None:
                     times_ns.append((_stamp(row) if self._uses_header else 0) or time_ns)
                     rows.append(row)
             topic.append_at(rows, times_ns)
 
         return add
+
+    @contextmanager
+    def _named(self, batch: Batch) -> Iterator[None]:
+        """Name the messages that turn out not to be what their type says."""
+        try:
+            yield
+        except ValueError as error:
+            topic, first_ns, last_ns = batch.channel.topic, batch.times_ns[0], batch.times_ns[-1]
+            which = f"the message of topic {topic!r} at {first_ns} ns"
+            if len(batch.times_ns) > 1:
+                which = f"a message of topic {topic!r} from {first_ns} ns to {last_ns} ns"
+            raise DamagedFileError(self._src, 0, f"{which} is no {batch.channel.type}: {error}") from error
 
     def _decoder(self, channel: Channel) -> decode.Decoder:
         known = self._types.described(channel)

@@ -144,7 +144,8 @@ def carry(
         bag = _open(src, on_damage == "skip", limits or DEFAULT)
         try:
             types = Types(how, distros.likely(bag.distro, bag.version))
-            _Conversion(src, bag, folder, prefix, types, encoding, time == "header", progress).run(wanted)
+            uses_header, salvages = time == "header", on_damage == "skip"
+            _Conversion(src, bag, folder, prefix, types, encoding, uses_header, salvages, progress).run(wanted)
         finally:
             bag.close()
     except OSError as error:
@@ -165,6 +166,7 @@ class _Conversion:
         types: Types,
         encoding: str | None,
         uses_header: bool,
+        salvages: bool,
         progress: Progress | None,
     ) -> None:
         self._src = src
@@ -174,6 +176,7 @@ class _Conversion:
         self._types = types
         self._encoding = encoding
         self._uses_header = uses_header
+        self._salvages = salvages
         self._progress = progress
         self._done = 0
 
@@ -194,7 +197,7 @@ class _Conversion:
             if rows or not chosen:
                 recorder = stack.enter_context(Recorder(self._folder, prefix=self._prefix))
                 ordered = [channel for channel in self._bag.channels if channel in rows]
-                intake = Intake(self._src, recorder, origins, self._types, ordered, self._uses_header)
+                intake = Intake(self._src, recorder, origins, self._types, ordered, self._uses_header, self._salvages)
             for file in self._bag.files():
                 for count in carrier.copy(file):
                     self._add(count)
@@ -202,8 +205,10 @@ class _Conversion:
                     for batch in batches(file, intake.wanted):
                         intake.add(batch)
                         self._add(len(batch.times_ns))
-                for loss in file.losses:
+                for loss in [*file.losses, *(intake.losses if intake is not None else ())]:
                     warnings.warn(f"{loss}; it is left out", ConversionWarning, stacklevel=5)
+                if intake is not None:
+                    intake.losses.clear()
                 for correction in file.corrections if isinstance(file, bag_mcap.McapBag) else ():
                     warnings.warn(f"{correction}; nothing is lost by it", ConversionWarning, stacklevel=5)
         if self._progress is not None and self._done < self._bag.count:  # some were not wanted

@@ -288,6 +288,19 @@ def test_a_chunk_that_is_damaged_is_an_error_unless_the_rest_is_wanted(tmp_path:
         assert not converted(ours, tmp_path / "run", on_damage="skip").get("a")
 
 
+def test_a_message_of_ours_that_is_damaged_costs_no_other_where_the_rest_is_wanted(tmp_path: Path) -> None:
+    record(tmp_path / "in", {"robot": [{"text": f"row {number}", "_ts": 1.0 + number} for number in range(50)]})
+    bag = export(tmp_path / "in", tmp_path / "in.bag", "rosbag1")
+    data = bytearray(bag.read_bytes())
+    at = data.index(b"row 17")
+    data[at - 4 : at] = b"\xff\xff\0\0"  # the text's length
+    bag.write_bytes(data)
+    refused(bag, tmp_path, DamagedFileError, r"a message of topic '/robot' from 1000000000 ns to 50000000000 ns is no")
+    with pytest.warns(ConversionWarning, match=r"the message of topic '/robot' at 18000000000 ns is no .*left out"):
+        rows = converted(bag, tmp_path / "run", on_damage="skip")
+    assert [row["text"] for row in rows["robot"]] == [f"row {number}" for number in range(50) if number != 17]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
@@ -405,7 +418,7 @@ def test_messages_that_are_not_of_their_type_are_named(tmp_path: Path) -> None:
         with pytest.warns(UndecodedWarning, match=what):
             rows = converted(bag, tmp_path / f"run{len(options)}", **options)
         assert [len(rows["/odd"]), len(rows["/point"])] == [3, 3]
-        assert rows["/point"][0] == {"data": b"\0\1\0\0\0", "_ts": 1.0}
+        assert rows["/point"][0] == {"_data": b"\0\1\0\0\0", "_ts": 1.0}
     match = r"'/point' at 1000000000 ns is no geometry_msgs"
     refused(bag, tmp_path, DamagedFileError, match, encoding="json", on_unknown="raise")
 
