@@ -366,3 +366,41 @@ def test_a_file_that_says_something_wrong_is_neither_damaged_nor_a_failure_of_a_
     output = capsys.readouterr()
     assert len(output.out.splitlines()) == 3
     assert output.err.startswith(f"corrected: {path}")
+
+
+def test_a_window_sees_what_chunk_indexes_hid_once_everything_was_read(tmp_path: Path) -> None:
+    lie = AT_ONCE["a chunk and its index are of another time"]
+    path = save(tmp_path / "a.mcap", lie)
+    for read_everything in (Recording.check, lambda rec: list(rec["a"].rows())):
+        with Recording(path) as rec:
+            assert [row["n"] for row in rec["b"].rows(0.03, 0.06)] == [3, 6]
+            read_everything(rec)
+            assert [row["n"] for row in rec["b"].rows(0.0, 0.03)] == [0, 3]
+            assert [row["n"] for row in rec["a"].rows(0.0, 0.025)] == [1, 2]
+
+
+def test_a_window_of_a_file_without_lies_reads_the_chunks_that_it_needs(tmp_path: Path) -> None:
+    data: list[McapRecord] = [
+        Schema(id=1, data=b"{}", encoding="jsonschema", name="row"),
+        Channel(id=1, topic="a", message_encoding="json", metadata={}, schema_id=1),
+    ]
+    text = b'{"t":"' + b"x" * 100_000 + b'"}'
+    for number in range(20):
+        data += bundle([Message(1, number * STEP, text, number * STEP, number)])
+    path = Draft(data).summarise().save(tmp_path / "a.mcap")
+    with Recording(path) as rec:
+        [file] = rec._segments.files
+        before = file.source.bytes_read
+        assert len(list(rec["a"].rows(0.05, 0.055))) == 1
+        assert file.source.bytes_read - before < 2 * len(text)
+
+
+def test_a_check_tells_of_summary_offsets_that_point_elsewhere(tmp_path: Path) -> None:
+    draft = made().locate()
+    draft.offsets[0].group_start += 1
+    path = tmp_path / "a.mcap"
+    path.write_bytes(draft.close().bytes())
+    with Recording(path) as rec:
+        assert everything(rec) == answers()
+        [finding] = [finding for finding in rec.check() if finding.kind in ("index", "damage")]
+        assert (finding.kind, "a summary offset says" in finding.what) == ("index", True)
