@@ -20,7 +20,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ml_dash_mcap import Experiment, RecorderOptions, Recording, Session, definitions
+from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording, Session, definitions
 from ml_dash_mcap.errors import FieldError, RangeError, StateError, TimestampError, TopicError
 from ml_dash_mcap.read.episodes import Episode
 from tests.support import disk, viewer_schema
@@ -471,7 +471,7 @@ def test_marks_lie_on_the_tracks_clock(exp: Experiment) -> None:
 
 
 def test_a_recording_without_marks_has_no_episodes_and_what_is_no_mark_is_none(tmp_path: Path) -> None:
-    with Recording(tmp_path) as rec:
+    with Recorder(tmp_path / "begun"), Recording(tmp_path / "begun") as rec:
         assert rec.episodes == []
     mark = {"run": "x", "number": 0, "revision": 0, "_ts": 3.0}
     rows: list[dict[str, Any]] = [

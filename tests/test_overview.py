@@ -56,8 +56,8 @@ def test_of_many_topics_only_some_are_named(tmp_path: Path) -> None:
         )
 
 
-def test_an_empty_recording_has_a_line_too(tmp_path: Path) -> None:
-    with Recording(tmp_path) as rec:
+def test_a_recording_that_has_just_begun_has_a_line_too(tmp_path: Path) -> None:
+    with Recorder(tmp_path), Recording(tmp_path) as rec:
         assert repr(rec) == f"<Recording {str(tmp_path)!r}: 0 files, 0 s, 0 topics>"
         assert Cells(rec._repr_html_()).rows[1:] == []
 

@@ -103,6 +103,7 @@ def test_a_row_larger_than_a_buffer_gets_one_of_its_own_and_keeps_its_place(tmp_
         "merged": 1,
         "steps_back": 0,
         "steps_back_by_topic": {},
+        "fallbacks": {},
         "bytes_written": 0,
         "segments": [],
         "failure": None,
