@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
@@ -84,6 +84,16 @@ class MessageBlock:
             self.sequences[which],
             self.payloads[which],
         )
+
+    def renumbered(self, numbers: Mapping[int, int]) -> MessageBlock:
+        """Return the same with other numbers of channels.
+
+        Args:
+            numbers: Those of all of its channels, to the new ones. They may be any: nothing is indexed by them.
+        """
+        old = np.array(sorted(numbers), np.int64)
+        new = np.array([numbers[number] for number in old.tolist()], np.int64)
+        return replace(self, channels=new[np.searchsorted(old, self.channels)])
 
     @staticmethod
     def joined(blocks: Sequence[MessageBlock]) -> MessageBlock:

@@ -17,7 +17,7 @@ import pytest
 import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from mcap.reader import make_reader
+from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
@@ -651,3 +651,120 @@ def test_a_definition_that_is_given_for_a_part_of_a_type_goes_into_the_recording
     convert(tmp_path / "in.mcap", tmp_path / "run", definitions={"a_msgs/msg/Inner": "uint8 n\n"})
     with Recording(tmp_path / "run") as recording:
         assert [row["inner"] for row in recording["/n"].rows()] == [{"n": 7}]
+
+
+# -- what a hunt found -------------------------------------------------------------------------------------------------
+
+
+def write_numbers(path: Path, values: list[int], *, first_ns: int = 1, qos: str = "", **beside: str) -> None:
+    """An MCAP file of bytes, one a nanosecond."""
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/UInt8", "ros2msg", b"uint8 data")
+        channel = writer.register_channel("/n", "cdr", schema, {"offered_qos_profiles": qos} if qos else {})
+        for number, value in enumerate(values):
+            writer.add_message(channel, first_ns + number, bytes([0, 1, 0, 0, value]), first_ns + number)
+        if beside:
+            writer.add_attachment(1, 2, "calib.yaml", "text/yaml", b"k: 1")
+            writer.add_metadata("mine", beside)
+        writer.finish()
+
+
+def test_files_come_out_in_the_order_of_recording_however_many_they_are(tmp_path: Path) -> None:
+    (tmp_path / "bag").mkdir()
+    for number in range(12):
+        write_numbers(tmp_path / f"bag/bag_{number}.mcap", [number])  # all at one time: only the order of files tells
+    with Recording(tmp_path / "bag") as bag, Recording(convert(tmp_path / "bag", tmp_path / "run")) as run:
+        for number, recording in enumerate((bag, run)):
+            assert [row["data"] for row in recording["/n"].rows()] == list(range(12))
+            recording.export(tmp_path / f"out{number}", format="rosbag2", storage="sqlite3")
+            assert [one.data[4] for one in rows_of(tmp_path / f"out{number}/out{number}_0.db3")] == list(range(12))
+    text = "rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths: [z.mcap, a.mcap]\n"
+    (tmp_path / "named").mkdir()
+    (tmp_path / "named/metadata.yaml").write_text(text)
+    write_numbers(tmp_path / "named/z.mcap", [1])
+    write_numbers(tmp_path / "named/a.mcap", [2])
+    with Recording(tmp_path / "named") as bag, Recording(convert(tmp_path / "named", tmp_path / "run2")) as run:
+        assert [[row["data"] for row in one["/n"].rows()] for one in (bag, run)] == [[1, 2], [1, 2]]
+
+
+@pytest.mark.parametrize("is_chunked", [True, False])
+def test_a_type_that_is_completed_takes_no_other_types_place(tmp_path: Path, is_chunked: bool) -> None:
+    with (tmp_path / "in.mcap").open("wb") as stream:
+        writer = McapWriter(stream, use_chunking=is_chunked)
+        writer.start(profile="ros2")
+        point = writer.register_schema("geometry_msgs/msg/Point", "ros2msg", b"float64 x\nfloat64 y\nfloat64 z")
+        text = writer.register_schema("std_msgs/msg/String", "", b"")
+        channels = [writer.register_channel("/s", "cdr", text), writer.register_channel("/p", "cdr", point)]
+        writer.add_message(channels[0], 5, b"\0\1\0\0\6\0\0\0hello\0", 5)
+        writer.add_message(channels[1], 6, b"\0\1\0\0" + np.array([1.0, 2.0, 3.0]).tobytes(), 6)
+        writer.finish()
+    with Recording(convert(tmp_path / "in.mcap", tmp_path / "run")) as recording:
+        assert [row["data"] for row in recording["/s"].rows()] == ["hello"]
+        assert [row["z"] for row in recording["/p"].rows()] == [3.0]
+        (file,) = recording.segments
+    with file.open("rb") as stream:
+        streamed = [
+            (channel.topic, schema.name, bool(schema.data))
+            for schema, channel, _ in NonSeekingReader(stream).iter_messages()
+        ]
+    assert streamed == [("/s", "std_msgs/msg/String", True), ("/p", "geometry_msgs/msg/Point", True)]
+
+
+def test_what_else_a_bag_has_goes_out_again_or_is_named(tmp_path: Path) -> None:
+    write_numbers(tmp_path / "in.mcap", [1], owner="ann")
+    convert(tmp_path / "in.mcap", tmp_path / "run")
+    for src in (tmp_path / "in.mcap", tmp_path / "run"):
+        with Recording(src) as recording:
+            recording.export(tmp_path / f"{src.stem}-out", format="rosbag2")
+            with pytest.warns(ConversionWarning, match=r"SQLite.*'calib\.yaml', 'mine'"):
+                recording.export(tmp_path / f"{src.stem}-sqlite", format="rosbag2", storage="sqlite3")
+        with Recording(tmp_path / f"{src.stem}-out") as recording:
+            assert recording.attachments["calib.yaml"].read() == b"k: 1"
+            assert ("mine", {"owner": "ann"}) in recording.metadata
+
+
+def test_profiles_of_two_files_are_both_said(tmp_path: Path) -> None:
+    profile = "- history: keep_last\n  depth: {}\n  reliability: reliable\n  durability: {}\n  deadline: {{sec: 0, nsec: 0}}\n"
+    profile += (
+        "  lifespan: {{sec: 0, nsec: 0}}\n  liveliness: automatic\n  liveliness_lease_duration: {{sec: 0, nsec: 0}}\n"
+    )
+    profile += "  avoid_ros_namespace_conventions: false\n"
+    (tmp_path / "bag").mkdir()
+    for number, how in enumerate(((9, "volatile"), (1, "transient_local"))):
+        write_numbers(tmp_path / f"bag/b_{number}.mcap", [number], qos=profile.format(*how))
+    with Recording(tmp_path / "bag") as recording:
+        recording.export(tmp_path / "out", format="rosbag2")
+    with Ros2Reader(tmp_path / "out") as reader:
+        (connection,) = reader.connections
+    assert [one.depth for one in connection.ext.offered_qos_profiles] == [9, 1]
+
+
+def test_what_only_metadata_say_of_a_bag_goes_out_however_it_was_opened(tmp_path: Path) -> None:
+    (tmp_path / "bag").mkdir()
+    write_numbers(tmp_path / "bag/b_0.mcap", [1])
+    (tmp_path / "bag/metadata.yaml").write_text(
+        "rosbag2_bagfile_information:\n  version: 8\n  relative_file_paths: [b_0.mcap]\n  ros_distro: iron\n"
+        "  custom_data: {robot: r2d2}\n  topics_with_message_count:\n    - message_count: 1\n      topic_metadata:\n"
+        "        {name: /n, type: std_msgs/msg/UInt8, type_description_hash: RIHS01_abc,\n"
+        "         offered_qos_profiles: '- history: 1'}\n"
+    )
+    convert(tmp_path / "bag", tmp_path / "run")
+    for src in ("bag", "run"):
+        with Recording(tmp_path / src) as recording:
+            recording.export(tmp_path / f"{src}-out", format="rosbag2")
+        said = YAML(typ="safe").load(tmp_path / f"{src}-out/metadata.yaml")["rosbag2_bagfile_information"]
+        topic = said["topics_with_message_count"][0]["topic_metadata"]
+        assert (said["version"], said["ros_distro"], said["custom_data"]) == (8, "iron", {"robot": "r2d2"})
+        assert (topic["type_description_hash"], topic["offered_qos_profiles"]) == ("RIHS01_abc", "- history: 1")
+
+
+def test_a_bag_without_topics_keeps_what_is_said_of_it(tmp_path: Path) -> None:
+    writer = Ros2Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3)
+    writer.set_custom_data("robot", "r2d2")
+    with writer:
+        pass
+    with Recording(convert(tmp_path / "bag", tmp_path / "run")) as recording:
+        assert list(recording.topics) == []
+        assert "r2d2" in dict(recording.metadata)["ml_dash.bag"]["metadata.yaml"]

@@ -12,12 +12,14 @@ import numpy as np
 
 from .. import clock
 from ..errors import ConversionError, ConversionWarning
-from ..layout import BAG_RECORD
+from ..layout import ABOUT_RECORD, BAG_RECORD
 from ..messages import Channel, MessageBlock, Payload
 from ..read import counts, rows, stored
+from ..read.file import File
+from ..read.records import Metadata
 from ..ros import information
 from ..ros.columns import Struct
-from .bag_metadata import is_latched
+from .bag_metadata import OFFERED, is_latched, joined
 from .bag_plan import Outlet
 from .job import Job
 
@@ -39,6 +41,8 @@ class Origin:
     """What somebody wrote about the bag, by key."""
     digests: Mapping[str, str] = field(default_factory=dict)
     """Hashes of types by topic, where the bag's metadata have them and its files do not."""
+    profiles: Mapping[str, str] = field(default_factory=dict)
+    """QoS profiles by topic, likewise, as YAML."""
 
 
 def topics(job: Job) -> list[str]:
@@ -52,19 +56,30 @@ def _is_carried(job: Job, topic: str) -> bool:
 
 
 def origin(job: Job) -> Origin:
-    """Return what the files say of the bag that they were copied from: what was said last counts."""
-    distro, version, custom, digests = "", 0, dict[str, str](), dict[str, str]()
+    """Return what is said of the bag that the files are of, or were copied from: what was said last counts."""
+    distro, version = "", 0
+    custom, digests, profiles = dict[str, str](), dict[str, str](), dict[str, str]()
+    for stated, text in _stated(job):
+        inside = information.lenient(text)
+        distro = stated or str(inside.get("ros_distro") or "") or distro
+        version = information.version(inside) or version
+        custom.update(information.custom(inside))
+        digests.update(information.digests(inside))
+        profiles.update(information.profiles(inside))
+    return Origin(distro, version, custom, digests, profiles)
+
+
+def _stated(job: Job) -> Iterator[tuple[str, str]]:
+    """Yield what says of which bag the files are: a distribution and the text of a `metadata.yaml`, or one of them."""
+    for place in dict.fromkeys(file.path.parent / _METADATA for file in job.files):
+        if place.is_file():
+            yield "", place.read_text(encoding="utf-8", errors="replace")
     for file in job.files:
         for record in file.metadata():
-            if record.name not in (information.RECORD, BAG_RECORD):
-                continue
-            text = record.values.get("serialized_metadata" if record.name == information.RECORD else _METADATA, "")
-            inside = information.lenient(text)
-            distro = record.values.get("ROS_DISTRO", "") or str(inside.get("ros_distro") or "") or distro
-            version = information.version(inside) or version
-            custom.update(information.custom(inside))
-            digests.update(information.digests(inside))
-    return Origin(distro, version, custom, digests)
+            if record.name == BAG_RECORD:
+                yield "", record.values.get(_METADATA, "")
+            elif record.name == information.RECORD:
+                yield record.values.get("ROS_DISTRO", ""), record.values.get("serialized_metadata", "")
 
 
 class Carried:
@@ -106,6 +121,7 @@ class Carried:
                 number = known[key]
                 if number is not None:
                     numbers[channel_id] = number
+                    self._add_profiles(number, channel)
             self._numbers.append(numbers)
 
     def blocks(self) -> Iterator[MessageBlock]:
@@ -126,8 +142,27 @@ class Carried:
             outlet = next(one for one in self.outlets if one.number == number)
             self._warn(f"topic {outlet.topic!r}: {count} messages that are no {outlet.type} are left out")
 
+    @property
+    def files(self) -> list[File]:
+        """Those that have messages for the bag."""
+        return [file for file, numbers in zip(self._job.files, self._numbers, strict=True) if numbers]
+
+    def _add_profiles(self, number: int, channel: Channel) -> None:
+        """Add what a topic is offered with in another file to what is known of it."""
+        outlet = self.outlets[number - 1]
+        if outlet.carried is None or channel.is_ros1:
+            return
+        metadata, more = dict(outlet.carried.metadata), dict(channel.metadata).get(OFFERED, "")
+        if more and more not in metadata.get(OFFERED, ""):
+            metadata[OFFERED] = joined(metadata.get(OFFERED, ""), more)
+            carried = replace(outlet.carried, metadata=tuple(metadata.items()))
+            self.outlets[number - 1] = replace(outlet, carried=carried)
+
     def _add(self, channel: Channel, number: int) -> int | None:
         """Make an outlet of a channel; returns its number, or None for what the other generation cannot say."""
+        if not channel.is_ros1 and OFFERED not in dict(channel.metadata):
+            profiles = self._origin.profiles.get(channel.topic, "")
+            channel = replace(channel, metadata=(*channel.metadata, (OFFERED, profiles)))
         if channel.is_ros1 != self._is_ros1:
             try:
                 channel = self._translated(channel, number)
@@ -158,7 +193,7 @@ class Carried:
         before = dict(channel.metadata)
         if self._is_ros1:
             metadata = {"topic": channel.topic, "md5sum": found.digest}
-            if is_latched(before.get("offered_qos_profiles", "")):
+            if is_latched(before.get(OFFERED, "")):
                 metadata["latching"] = "1"
         else:
             metadata = {"topic_type_hash": found.digest}
@@ -174,9 +209,7 @@ class Carried:
         )
 
     def _prepared(self, block: MessageBlock, numbers: Mapping[int, int]) -> MessageBlock:
-        table = np.zeros(max(numbers) + 1, np.int64)
-        table[list(numbers)] = list(numbers.values())
-        block = replace(block, channels=table[block.channels])
+        block = block.renumbered(numbers)
         if self._offset_ns and len(block):
             block = replace(
                 block, times_ns=self._shifted(block.times_ns), published_ns=self._shifted(block.published_ns)
@@ -209,6 +242,22 @@ class Carried:
 
     def _warn(self, what: str) -> None:
         warnings.warn(what, ConversionWarning, stacklevel=6)
+
+
+def foreign_metadata(file: File) -> list[Metadata]:
+    """Return a file's metadata records that are neither ours nor rosbag2's."""
+    return [
+        one for one in file.metadata() if one.name != information.RECORD and one.name.partition(".")[0] != ABOUT_RECORD
+    ]
+
+
+def warn_of_beside(files: list[File], where: str) -> None:
+    """Name what other people put into files beside messages, for a bag that has no place for it."""
+    names = [str(index["name"]) for file in files for _, index in stored.attachments(file)]
+    names += [one.name for file in files for one in foreign_metadata(file)]
+    if names:
+        what = f"attachments and metadata records have no place in {where}: {', '.join(map(repr, names))}"
+        warnings.warn(what, ConversionWarning, stacklevel=3)
 
 
 def _merged(channel: Channel) -> Channel:

@@ -14,11 +14,14 @@ import zstandard
 
 from ..messages import Channel, MessageBlock
 from ..options import RecorderOptions
+from ..read import stored
+from ..read.file import File
 from ..ros.information import RECORD
 from ..write import records
 from ..write.chunk import Chunk, Compressor, compressor
 from ..write.message_file import CHUNK_BYTES, MessageFile, pack
 from ..write.records import MESSAGE_HEAD
+from .bag_carried import foreign_metadata
 from .bag_plan import Outlet
 from .bag_topics import Sent
 
@@ -99,6 +102,14 @@ class Storage:
     def write_packed(self, chunk: Chunk) -> None:
         """Write a chunk that `pack` made."""
         self._file.add_chunk(chunk)
+
+    def add_beside(self, files: Sequence[File]) -> None:
+        """Copy what other people put into files beside messages: attachments and metadata records."""
+        for file in files:
+            for record, index in stored.attachments(file):
+                self._file.add_attachment(record, index)
+            for one in foreign_metadata(file):
+                self._file.add_metadata(one.name, one.values)
 
     def finish(self, information: str) -> None:
         """Write the file's end.

@@ -72,7 +72,7 @@ _POLICIES: Mapping[str, tuple[str, ...]] = {
 }
 """Names of the policies since version 9 of the metadata, by the numbers that they were before (rmw/types.h)."""
 
-_OFFERED = "offered_qos_profiles"
+OFFERED = "offered_qos_profiles"
 
 
 def qos(version: int, durability: str = "volatile") -> list[dict[str, Any]]:
@@ -96,12 +96,19 @@ def offered(outlet: Outlet, version: int) -> str:
     if outlet.carried is None:
         return _text(qos(version))
     metadata = dict(outlet.carried.metadata)
-    if _OFFERED not in metadata:  # it comes from ROS 1
+    if OFFERED not in metadata:  # it comes from ROS 1
         return _text(qos(version, "transient_local" if metadata.get("latching") == "1" else "volatile"))
-    profiles = _profiles(metadata[_OFFERED])
+    profiles = _profiles(metadata[OFFERED])
     if all(isinstance(one.get("history"), int) == (version < 9) for one in profiles):
-        return metadata[_OFFERED]
+        return metadata[OFFERED]
     return _text([_spelled(one, version) for one in profiles])
+
+
+def joined(text: str, more: str) -> str:
+    """Return the profiles of two files of a bag, each once, as YAML."""
+    profiles = _profiles(text)
+    others = [one for one in _profiles(more) if one not in profiles]
+    return _text([*profiles, *others]) if others else text
 
 
 def is_latched(text: str) -> bool:

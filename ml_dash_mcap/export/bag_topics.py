@@ -18,6 +18,7 @@ from ..errors import ConversionError
 from ..layout import TRACK
 from ..messages import MessageBlock
 from ..read import ahead, counts, exact, rows
+from ..read.file import File
 from ..ros import blocks, forms, lossless, messages, names
 from ..ros import package as interfaces
 from ..ros.columns import Constant, Indices, pick
@@ -117,6 +118,11 @@ class Outgoing:
     def outlets(self) -> list[Outlet]:
         """All topics of the bag."""
         return [*(() if self._carried is None else self._carried.outlets), *self._planner.outlets]
+
+    @property
+    def carried_files(self) -> list[File]:
+        """The files that carried messages come from."""
+        return [] if self._carried is None else self._carried.files
 
     @property
     def own_messages(self) -> list[Message]:

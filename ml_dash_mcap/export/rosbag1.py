@@ -63,6 +63,7 @@ def export(
         path = stack.enter_context(fresh_file(job.dest))
         names = bag_carried.topics(job)
         carried = bag_carried.Carried(job, names, bag_carried.Origin(), is_ros1=True, time_offset=time_offset)
+        bag_carried.warn_of_beside(carried.files, "bags of ROS 1")
         outgoing = Outgoing(job.without(names), settings, carried)
         steps = Steps(job.counter())
         while True:

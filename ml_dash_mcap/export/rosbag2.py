@@ -124,6 +124,8 @@ def export(
     with fresh_folder(job.dest) as folder:
         names = bag_carried.topics(job)
         carried = bag_carried.Carried(job, names, origin, time_offset=time_offset)
+        if storage != "mcap":
+            bag_carried.warn_of_beside(carried.files, "SQLite; storage='mcap' keeps them")
         outgoing = Outgoing(job.without(names), settings, carried)
         steps = Steps(job.counter())
         while True:
@@ -187,6 +189,8 @@ class _Bag:
                 steps.add(rows)
                 if self._split_bytes is not None and file.size >= self._split_bytes:
                     self._outgoing.finish_up()
+            if isinstance(file, bag_mcap.Storage):
+                file.add_beside(self._outgoing.carried_files)
             self._finish(file)
         finally:
             file.close()

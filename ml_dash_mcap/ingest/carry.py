@@ -7,7 +7,6 @@ of MCAP files are copied as they are.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from ..errors import EncodingError
 from ..layout import BAG_RECORD, SEGMENT_SUFFIX, is_like_a_bomb
 from ..messages import Channel, MessageBlock
 from ..options import RecorderOptions
-from ..read import ahead, attachments, records, stored
+from ..read import ahead, records, stored
 from ..read.fields import Fields
 from ..read.stored import StoredChunk
 from ..ros import information
@@ -28,25 +27,37 @@ from .bag_messages import Bag, BagFile
 from .bag_sqlite import SqliteBag
 from .bag_types import Types
 
-_PIECE = 1 << 20
-
 
 class Carrier:
     """Copies the files of a bag into a recording's folder."""
 
-    def __init__(self, src: Path, bag: Bag, folder: Path, types: Types, wanted: Collection[Channel]) -> None:
+    def __init__(
+        self,
+        src: Path,
+        bag: Bag,
+        folder: Path,
+        prefix: str,
+        types: Types,
+        wanted: Collection[Channel],
+        *,
+        keeps_all_files: bool,
+    ) -> None:
         """Prepare to copy.
 
         Args:
             src: Of the bag, for the errors.
             bag: What to copy.
             folder: Of the recording.
+            prefix: What the names of its files start with.
             types: What is known of the bag's types.
             wanted: Which of the bag's channels to copy.
+            keeps_all_files: Whether files without such channels are copied too, for what else is in them.
         """
         self._src = src
         self._bag = bag
         self._folder = folder
+        self._prefix = prefix
+        self._keeps_all_files = keeps_all_files
         self._types = types
         self._wanted = wanted
         self._number = 0
@@ -60,15 +71,15 @@ class Carrier:
             EncodingError: Nobody knows what a message of it is made of, and that was not to be.
         """
         numbers = [number for number, channel in file.channels.items() if channel in self._wanted]
-        if not numbers:
+        if not numbers and not self._keeps_all_files:
             return
         keeps_ids = isinstance(file, McapBag)
         ids = {number: number if keeps_ids else at for at, number in enumerate(numbers, start=1)}
         if len(ids) > MOST_CHANNELS:
             raise EncodingError(f"{self._src}: it has {len(ids)} topics and connections; MCAP has {MOST_CHANNELS}")
         self._number += 1
-        stem = file.name.removesuffix(Path(file.name).suffix) or "bag"
-        dest = MessageFile(self._folder / f"{stem}_{self._number:06d}{SEGMENT_SUFFIX}", self._profile(file))
+        name = f"{self._prefix}_{self._number:06d}{SEGMENT_SUFFIX}"  # files are read in the order of their names
+        dest = MessageFile(self._folder / name, self._profile(file))
         try:
             self._begin(dest, file, ids)
             unknown = {number for number in numbers if self._types.is_unknown(file.channels[number])}
@@ -87,14 +98,18 @@ class Carrier:
         )
 
     def _begin(self, dest: MessageFile, file: BagFile, ids: Mapping[int, int]) -> None:
+        """Write schemas and channels; those of MCAP files keep their ids, because their chunks may repeat them."""
+        known = {number: self._types.described(file.channels[number]) for number in ids}
+        if isinstance(file, McapBag):
+            for schema in file.file.index.schemas.values():
+                if any(_has(known[number], schema) for number in ids):
+                    dest.add_schema(schema.id, schema.name, schema.encoding, schema.data)
         for number, channel_id in ids.items():
-            known = self._types.described(file.channels[number])
-            if isinstance(file, McapBag):  # its chunks may repeat schemas and channels, so these keep their ids
-                schema = file.file.index.schemas.get(file.file.index.channels[number].schema_id)
-                same = (known.type, known.schema_encoding, known.definition)
-                if schema is not None and same == (schema.name, schema.encoding, schema.data):
-                    dest.add_schema(schema.id, *same)
-            dest.add_channel(channel_id, known)
+            schema_id = None
+            if isinstance(file, McapBag):
+                found = file.file.index.schemas.get(file.file.index.channels[number].schema_id)
+                schema_id = found.id if found is not None and _has(known[number], found) else None
+            dest.add_channel(channel_id, known[number], schema_id)
 
     def _end(self, dest: MessageFile, file: BagFile) -> None:
         """Copy what else is in the file, and say what bag it was."""
@@ -102,18 +117,11 @@ class Carrier:
         names = set()
         if isinstance(file, McapBag):
             values["library"] = file.file.index.header.library
-            for record in file.file.metadata():
-                dest.add_metadata(record.name, record.values)
-                names.add(record.name)
-            for entry in attachments.entries(file.file):
-                index = {
-                    "log_time": entry.log_time_ns,
-                    "create_time": entry.create_time_ns,
-                    "data_size": entry.data_size,
-                    "name": entry.name,
-                    "media_type": entry.media_type,
-                }
-                dest.add_attachment(_bytes_of(file, entry.offset, entry.length), index)
+            for one in file.file.metadata():
+                dest.add_metadata(one.name, one.values)
+                names.add(one.name)
+            for record, index in stored.attachments(file.file):
+                dest.add_attachment(record, index)
         text = self._bag.text
         if information.RECORD not in names and self._bag.format == "rosbag2":
             inside = file.information if isinstance(file, SqliteBag) else ""
@@ -126,12 +134,11 @@ class Carrier:
 
     def _chunks(self, file: BagFile, ids: Mapping[int, int]) -> Iterator[Chunk]:
         if isinstance(file, McapBag) and not file.is_packed:
-            is_whole = set(ids) == set(file.channels)
+            same = all(self._types.described(file.channels[number]) == file.channels[number] for number in ids)
+            is_whole = same and set(ids) == set(file.channels)  # or else chunks may repeat what is not so any more
             found = stored.chunks(file.file, sorted(ids))
             return ahead.in_order(lambda chunk: _copied(chunk, is_whole), found, weigh=lambda one: len(one.record))
-        table = np.zeros(max(ids) + 1, np.int64)
-        table[list(ids)] = list(ids.values())
-        blocks = (replace(block, channels=table[block.channels]) for block in file.blocks(ids.keys()))
+        blocks = (block.renumbered(ids) for block in file.blocks(ids.keys()))
         return ahead.in_order(_packed, blocks, weigh=lambda block: 2 * block.size)
 
     @staticmethod
@@ -146,9 +153,10 @@ class Carrier:
                 self._types.name_unknown(channel)
 
 
-def _bytes_of(file: McapBag, offset: int, length: int) -> Iterator[bytes]:
-    for at in range(offset, offset + length, _PIECE):
-        yield file.file.source.read(at, min(_PIECE, offset + length - at))
+def _has(channel: Channel, schema: records.Schema) -> bool:
+    """Whether a channel's type is what a schema says."""
+    known = (channel.type, channel.schema_encoding, channel.definition)
+    return known == (schema.name, schema.encoding, schema.data)
 
 
 def _packed(block: MessageBlock) -> Chunk:

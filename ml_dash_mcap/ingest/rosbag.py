@@ -191,10 +191,20 @@ class _Conversion:
             rows = chosen
         else:
             rows = set() if self._encoding == "ros" else chosen & origins.own.keys()
-        carrier = Carrier(self._src, self._bag, self._folder, self._types, chosen - rows)
+        carried = chosen - rows
+        makes_rows = bool(rows) or self._encoding == "json" or self._uses_header
+        carrier = Carrier(
+            self._src,
+            self._bag,
+            self._folder,
+            self._prefix,
+            self._types,
+            carried,
+            keeps_all_files=bool(carried) or not makes_rows,
+        )
         with ExitStack() as stack:
             intake = None
-            if rows or not chosen:
+            if makes_rows:
                 recorder = stack.enter_context(Recorder(self._folder, prefix=self._prefix))
                 ordered = [channel for channel in self._bag.channels if channel in rows]
                 intake = Intake(self._src, recorder, origins, self._types, ordered, self._uses_header, self._salvages)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 from itertools import islice
 from pathlib import Path
 
 from ..errors import MissingRecordingError, StorageError
 from ..layout import ACTIVE_SUFFIX, DEFAULT_ROOTS
 from ..run_folders import is_segment, is_session, runs_below
+
+_NUMBER = re.compile(r"([0-9]+)")
 
 _SEARCH_DEPTH = 4
 _MOST_FOLDERS = 5000
@@ -43,7 +46,7 @@ def segments(path: Path, *, is_known: bool = False) -> list[Path]:
             found.setdefault(stem, path / name)
     if not found and not is_known and not any(map(is_session, names)):
         _refuse(path, names)
-    return [found[stem] for stem in sorted(found)]
+    return [found[stem] for stem in sorted(found, key=_natural)]
 
 
 def _names(path: Path) -> list[str]:
@@ -62,6 +65,12 @@ def _hint(path: Path) -> str:
     """Return where the recording of that prefix is, if somebody gave a prefix for a path."""
     places = [Path(root) / path for root in DEFAULT_ROOTS if not path.is_absolute() and (Path(root) / path).is_dir()]
     return f"; did you mean {str(places[0])!r}?" if places else ""
+
+
+def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
+    """Sort `bag_10` behind `bag_9`; names whose numbers have one length sort as text does."""
+    parts = _NUMBER.split(name)
+    return [(int(part) if at % 2 else 0, "" if at % 2 else part) for at, part in enumerate(parts)], name
 
 
 def _refuse(path: Path, names: list[str]) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..messages import Channel, MessageBlock
 from . import ahead, plan
+from . import attachments as found_attachments
 from .chunk import MESSAGE_HEAD, Messages
 from .file import File
 from .index import ReindexedError
@@ -21,6 +22,9 @@ CHUNK_BYTES = 1 << 20
 _MOST_BYTES = 4 << 20
 _MOST_MESSAGES = 16384
 """Blocks end at about so much: what lies outside of chunks may be a whole file."""
+
+_PIECE = 1 << 20
+"""Attachments are copied so many bytes at a time."""
 
 LAST_NS = 2**64 - 1
 
@@ -44,6 +48,21 @@ def channels(file: File) -> dict[int, Channel]:
         metadata = tuple(channel.metadata.items())
         found[number] = Channel(channel.topic, name, encoding, data, channel.message_encoding, metadata)
     return found
+
+
+def attachments(file: File) -> Iterator[tuple[Iterator[bytes], dict[str, Any]]]:
+    """Yield a file's Attachment records, each in pieces, with what an index says of it besides its place."""
+    for entry in found_attachments.entries(file):
+        index = {
+            "log_time": entry.log_time_ns,
+            "create_time": entry.create_time_ns,
+            "data_size": entry.data_size,
+            "name": entry.name,
+            "media_type": entry.media_type,
+        }
+        end = entry.offset + entry.length
+        pieces = (file.source.read(at, min(_PIECE, end - at)) for at in range(entry.offset, end, _PIECE))
+        yield pieces, index
 
 
 def chunks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int = LAST_NS) -> Iterator[StoredChunk]:

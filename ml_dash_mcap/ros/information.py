@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -46,13 +47,26 @@ def custom(information: Mapping[str, Any]) -> Mapping[str, str]:
 
 def digests(information: Mapping[str, Any]) -> dict[str, str]:
     """Return the hashes of types that are said, by topic."""
+    topics = _topics(information)
+    return {name: str(one["type_description_hash"]) for name, one in topics.items() if one.get("type_description_hash")}
+
+
+def profiles(information: Mapping[str, Any]) -> dict[str, str]:
+    """Return the QoS profiles that are said, by topic, as YAML."""
+    found = {}
+    for name, one in _topics(information).items():
+        offered = one.get("offered_qos_profiles")
+        if isinstance(offered, str):
+            found[name] = offered
+        elif isinstance(offered, list):  # since version 9 of the metadata; JSON is YAML
+            found[name] = "\n".join(f"- {json.dumps(profile, default=str)}" for profile in offered)
+    return found
+
+
+def _topics(information: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     listed = information.get("topics_with_message_count")
     topics = [one.get("topic_metadata") for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
-    found = {}
-    for topic in topics:
-        if isinstance(topic, dict) and topic.get("name") and topic.get("type_description_hash"):
-            found[str(topic["name"])] = str(topic["type_description_hash"])
-    return found
+    return {str(one["name"]): one for one in topics if isinstance(one, dict) and one.get("name")}
 
 
 def load(text: str) -> Any:

@@ -49,19 +49,20 @@ class MessageFile:
         self.contents.schemas[number] = records.to_bytes(Schema(id=number, name=name, encoding=encoding, data=data))
         self._write(self.contents.schemas[number])
 
-    def add_channel(self, number: int, channel: Channel) -> None:
+    def add_channel(self, number: int, channel: Channel, schema_id: int | None = None) -> None:
         """Write a channel, and its schema if none before it is the same.
 
         Args:
             number: Its id.
             channel: What it is. Without a type it has no schema.
+            schema_id: Of its schema, if that was added under an id of its own; None to look for it.
         """
         key = (channel.type, channel.schema_encoding, channel.definition)
-        if any(key) and key not in self._schema_ids:
+        if schema_id is None and any(key) and key not in self._schema_ids:
             self.add_schema(max(self.contents.schemas, default=0) + 1, *key)
         record = ChannelRecord(
             id=number,
-            schema_id=self._schema_ids.get(key, 0),
+            schema_id=self._schema_ids.get(key, 0) if schema_id is None else schema_id,
             topic=channel.topic,
             message_encoding=channel.message_encoding,
             metadata=dict(channel.metadata),
