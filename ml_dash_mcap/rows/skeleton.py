@@ -205,7 +205,8 @@ def guess(
     if not latest.keys() >= set(numbers):
         return None
     texts = {number: text for number, (text, _) in latest.items()}
-    if sum([len(texts[number]) for number in numbers]) != len(bones.kept):
+    counts = np.bincount(channels).tolist()
+    if sum(len(text) * counts[number] for number, text in texts.items() if number < len(counts)) != len(bones.kept):
         return None  # before more is joined than the block holds
     if b"".join([texts[number] for number in numbers]) != bones.kept.tobytes():
         return None

@@ -242,8 +242,7 @@ class BlockWriter:
         forms = guess(bones, rows.channels, self._skeletons)
         if forms is None:
             forms = np.full(len(rows), UNKNOWN, np.int32)
-            order = np.argsort(rows.channels, kind="stable")
-            for mine in np.split(order, np.flatnonzero(np.diff(rows.channels[order])) + 1):
+            for mine in _by_channel(rows):
                 forms[mine] = self._skeletons_of(int(rows.channels[mine[0]])).classify(bones, mine)
         return forms
 
@@ -290,8 +289,7 @@ class BlockWriter:
     def _next_sequence(self, rows: Rows) -> npt.NDArray[np.uint32]:
         """Number each topic's rows on from its last one."""
         sequence = np.zeros(len(rows), np.int64)
-        order = np.argsort(rows.channels, kind="stable")
-        for mine in np.split(order, np.flatnonzero(np.diff(rows.channels[order])) + 1):
+        for mine in _by_channel(rows):
             sequence[mine] = self._sequences.get(int(rows.channels[mine[0]]), 0) + np.arange(len(mine))
         return sequence.astype(np.uint32)
 
@@ -454,6 +452,12 @@ def _begin_ns(about: Mapping[str, str]) -> int:
         return int(datetime.datetime.fromisoformat(about["run_start"]).timestamp() * clock.NS_PER_S)
     except (KeyError, ValueError):
         return 0
+
+
+def _by_channel(rows: Rows) -> list[npt.NDArray[np.intp]]:
+    """Return the numbers of each channel's rows, in order."""
+    order = np.argsort(rows.channels.astype(np.uint16), kind="stable")  # of 16 bits numpy sorts in linear time
+    return np.split(order, np.flatnonzero(np.diff(rows.channels[order])) + 1)
 
 
 def stamp_after(folder: Path) -> str:
