@@ -381,6 +381,49 @@ def test_parquet_holds_the_numbers_in_their_type(tmp_path: Path) -> None:
     assert table["cloud"].combine_chunks().flatten().to_numpy().tobytes() == np.stack([CLOUD] * 3).tobytes()
 
 
+def test_parquet_comes_back_as_the_arrays_that_it_was_made_of(tmp_path: Path) -> None:
+    masked = MASKED["masked integers"]
+    listed = [[number + 0.5 for number in range(5000)], [0.5] * 6000]
+    with Recorder(tmp_path / "run") as recorder:
+        topic, plain = recorder.topic("cam"), recorder.topic("plain")
+        for number in range(3):
+            cloud = CLOUD[: 2000 - number]
+            beside = {"text": "a", "masked": masked} if number else {}
+            topic.append(
+                image=IMAGE, deep={"er": {"cloud": cloud}}, **beside, listed=listed[number % 2], _ts=float(number)
+            )
+            plain.append(image=IMAGE, depth=DEPTH, half=CLOUD.astype("f2"), flag=np.ones(5000, "?"), _ts=float(number))
+    with Recording(tmp_path / "run") as recording:
+        recording.export(tmp_path / "out", format="parquet")
+        expected = {name: list(recording[name].rows()) for name in ("cam", "plain")}
+    for name, meant in expected.items():
+        convert(tmp_path / "out" / f"{name}.parquet", tmp_path / f"back {name}")
+        with Recording(tmp_path / f"back {name}") as back:
+            (topic_name,) = back.topics
+            rows = list(back[topic_name].rows())
+        assert [compared(row) for row in rows] == [compared(row) for row in meant]
+
+
+def compared(value: Any) -> Any:
+    """A value to be compared with another: arrays by type, shape and what is not masked, fields in any order."""
+    if isinstance(value, dict):
+        return {key: compared(inner) for key, inner in value.items()}
+    if isinstance(value, np.ndarray):
+        return value.dtype, value.shape, value.tolist()
+    return type(value), value
+
+
+def test_topics_with_images_are_aligned(tmp_path: Path) -> None:
+    record(tmp_path / "run")
+    with Recorder(tmp_path / "run") as recorder:
+        recorder.topic("arm").append_columns(_ts=np.arange(0.25, 3.0, 0.5), x=np.arange(6.0))
+    with Recording(tmp_path / "run") as recording:
+        table = recording.align(["arm", "cam"], on="arm")
+    assert [image[0][0] for image in table["cam.image"].to_pylist()] == [
+        (IMAGE + np.uint8(at))[0, 0].tolist() for at in (0, 0, 1, 1, 2, 2)
+    ]
+
+
 def test_csv_holds_the_numbers_as_json(tmp_path: Path) -> None:
     record(tmp_path / "run")
     with Recording(tmp_path / "run") as recording:

@@ -7,7 +7,7 @@ tables of others have all of their fields in each row: null is None there.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ import pyarrow as pa
 from ..export.parquet_layout import OTHER_CLOCK, SHAPE_KEY, UNIT_KEY, WALL_CLOCK
 from ..layout import MESSAGE, TRACK
 from ..recorder import Recorder
-from ..rows import arrays
+from ..rows import arrays, packed
 from ..rows.columns import FIELD_PREFIX
 from ..rows.encode import TIME_KEY
 from ..rows.table import ENCODING_KEY, from_text
@@ -53,7 +53,8 @@ class OurTable:
         grouped = {name for names, _ in self._vectors.values() for name in names}
         self._single = [name for name in self._fields if name not in grouped]
         self._nothing = None if about.get("kind") == MESSAGE else ABSENT
-        self._makes = {name: _maker(field, self._nothing) for name, field in self._fields.items()}
+        self._types = dict(_array_types(self._properties))
+        self._makes = {name: self._maker(field) for name, field in self._fields.items()}
 
     def open(self, recorder: Recorder, name: str) -> Topic:
         """Open its topic, with what was said of it."""
@@ -109,9 +110,19 @@ class OurTable:
             if self._nothing is None and (column.null_count or is_nested):  # a mask says that a row lacks the field
                 return None
             array = _array(self._fields[name], column)
-            if array is None or not put(tree, self._paths[name], array):
+            if array is None or not self._is_packed_alike(name, array) or not put(tree, self._paths[name], array):
                 return None
         return tree or None
+
+    def _is_packed_alike(self, name: str, array: Any) -> bool:
+        """Whether columns become arrays in the rows where arrays were, and lists where lists were."""
+        if isinstance(array, dict):
+            return all(self._is_packed_alike(f"{name}.{key}", inner) for key, inner in array.items())
+        is_large = len(array) > 0 and array.ndim > 1 and packed.is_large(array[0])
+        return bool(is_large == (name.removeprefix(FIELD_PREFIX) in self._types))
+
+    def _maker(self, field: pa.Field) -> Make:
+        return _maker(field, self._nothing, field.name.removeprefix(FIELD_PREFIX), self._types)
 
     def _vector(self, elements: list[Any], shape: tuple[int, ...]) -> Any:
         """Return the elements of a vector or a matrix in its shape; `ABSENT` if none is there."""
@@ -182,12 +193,38 @@ def put(row: dict[str, Any], path: tuple[str, ...], value: Any) -> bool:
     return True
 
 
-def _maker(field: pa.Field, nothing: Any) -> Make:
+def _array_types(properties: Mapping[str, Any], parent: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the dotted names of fields that were large arrays, and the types of these."""
+    for name, said in properties.items():
+        description = said.get("description") if isinstance(said, Mapping) and "contentEncoding" in said else None
+        found = packed.parse(description) if isinstance(description, str) else None
+        if found is not None:
+            yield parent + name, found[0]
+        elif isinstance(said, Mapping):
+            yield from _array_types(_properties(said), f"{parent}{name}.")
+
+
+def _large(value: Any, type_: str) -> Any:
+    """Return nested lists as the array that they were, unless that would have been a list."""
+    try:
+        found = np.array(value, type_)
+    except TypeError:  # None, where an element was masked
+        objects = np.array(value, object)
+        mask = np.reshape([one is None for one in objects.flat], objects.shape)
+        found = np.ma.MaskedArray(np.where(mask, 0, objects).astype(type_), mask)
+    except ValueError:  # ragged
+        return value
+    return found if packed.is_large(found) else value
+
+
+def _maker(field: pa.Field, nothing: Any, name: str, types: Mapping[str, str]) -> Make:
     """Return what makes a row's value of a column's.
 
     Args:
         field: The column.
         nothing: What null is, `ABSENT` or None; it is None where the column's type has no other value.
+        name: Of the field, dotted.
+        types: Of the fields that were large arrays, by name.
     """
     said, type_ = field.metadata or {}, field.type
     if said.get(ENCODING_KEY) == b"json":
@@ -195,15 +232,18 @@ def _maker(field: pa.Field, nothing: Any) -> Make:
     if pa.types.is_null(type_):
         return lambda value: None
     shape = _shape(said)
+    if name in types:
+        return lambda value: nothing if value is None else _large(_reshaped(value, shape), types[name])
     if len(shape) > 1:
         return lambda value: nothing if value is None else _reshaped(value, shape)
     if pa.types.is_struct(type_):
-        return _struct_maker(type_, nothing)
+        return _struct_maker(type_, nothing, name, types)
     return lambda value: nothing if value is None else value
 
 
-def _struct_maker(type_: pa.DataType, nothing: Any) -> Make:
-    makes = {type_.field(at).name: _maker(type_.field(at), nothing) for at in range(type_.num_fields)}
+def _struct_maker(type_: pa.DataType, nothing: Any, name: str, types: Mapping[str, str]) -> Make:
+    inner = [type_.field(at) for at in range(type_.num_fields)]
+    makes = {one.name: _maker(one, nothing, f"{name}.{one.name}", types) for one in inner}
     has_values = _has_values(type_)
 
     def make(value: Any) -> Any:
