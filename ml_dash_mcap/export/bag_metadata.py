@@ -5,7 +5,10 @@ What is written is YAML that is nearly JSON: texts in double quotes with JSON's 
 
 from __future__ import annotations
 
+import base64
+import datetime
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -202,14 +205,15 @@ def _lines(value: Any, depth: int) -> list[str]:
     lines: list[str] = []
     if isinstance(value, Mapping):
         for key, inner in value.items():
-            name = key if key.isidentifier() else json.dumps(key)
+            is_plain = isinstance(key, str) and key.isidentifier() and key.lower() not in _WORDS
+            name = key if is_plain else _scalar(key)
             if isinstance(inner, (Mapping, list)) and inner:
                 lines += [f"{blanks}{name}:", *_lines(inner, depth + 1)]
             else:
                 lines.append(f"{blanks}{name}: {_scalar(inner)}")
         return lines
     for inner in value:
-        if isinstance(inner, Mapping):
+        if isinstance(inner, Mapping) and inner:
             first, *rest = _lines(inner, depth + 1)
             lines += [f"{blanks}- {first.lstrip()}", *rest]
         else:
@@ -217,9 +221,22 @@ def _lines(value: Any, depth: int) -> list[str]:
     return lines
 
 
+_WORDS = frozenset({"true", "false", "null", "yes", "no", "on", "off", "y", "n"})
+"""Texts that YAML takes for something else without quotes."""
+
+
 def _scalar(value: Any) -> str:
+    """Spell a value in one line: what YAML reads as anything but a list, dict or text as what it is."""
     if value is None:
         return "~"
-    if isinstance(value, (Mapping, list)):
-        return "[]" if isinstance(value, list) else "{}"
-    return json.dumps(value, ensure_ascii=True)
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_scalar(key)}: {_scalar(inner)}" for key, inner in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_scalar, value)) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
+    if isinstance(value, datetime.date):  # or a datetime, which is one
+        return value.isoformat()
+    if isinstance(value, bytes):
+        return f"!!binary {json.dumps(base64.b64encode(value).decode())}"
+    return json.dumps(value if isinstance(value, (str, int, float)) else str(value), ensure_ascii=True)

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import clock
+from ..errors import ConversionError
 from ..messages import MessageBlock
 from .bag_plan import Outlet
 from .bag_topics import Sent
@@ -42,8 +43,14 @@ _MESSAGE_HEAD = np.dtype(
 _INDEX_ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
 
 
-_HEADER_FIELDS = ("topic", "callerid", "latching")
-"""What a connection's header may say besides its type (http://wiki.ros.org/ROS/Connection Header)."""
+_NOT_IN_HEADERS = frozenset({"type", "md5sum", "message_definition", "offered_qos_profiles", "topic_type_hash"})
+"""Metadata of a channel that do not go into its connection's header: the type, and what only ROS 2 says.
+
+All others came from such a header, which may say whatever the node said (http://wiki.ros.org/ROS/Connection Header).
+"""
+
+_END_NS = clock.NS_PER_S << 32
+"""ROS 1 has 32 bits for the seconds of a time."""
 
 
 def _lz4(data: bytes) -> bytes:
@@ -104,12 +111,15 @@ class Storage:
         """Take messages; later calls bring none before the first of them."""
         if not sent:
             return
+        for one in sent:
+            self._check_times(_connection_id(one.outlet), one.times_ns)
         first_ns = min(int(one.times_ns[0]) for one in sent)
         self._settle(first_ns)
         self._pending += [_with_heads(one) for one in sent]
 
     def pack(self, block: MessageBlock) -> _Pending:
         """Return messages that are carried with their heads, in their order."""
+        self._check_times(block.channels - 1, block.times_ns)
         sizes = np.fromiter(map(len, block.payloads), np.int64, len(block))
         text = _heads(block.channels - 1, block.times_ns, sizes).tobytes()
         size = _MESSAGE_HEAD.itemsize
@@ -141,6 +151,18 @@ class Storage:
     def close(self) -> None:
         """Close the file, finished or not. May be called twice."""
         self._file.close()
+
+    def _check_times(self, connections: Any, times_ns: npt.NDArray[np.uint64]) -> None:
+        """Refuse messages whose times ROS 1 has no room for."""
+        if not len(times_ns) or int(times_ns.max()) < _END_NS:
+            return
+        at = int(np.argmax(times_ns))
+        number = int(np.broadcast_to(connections, times_ns.shape)[at])
+        topic = next(one.topic for one in self._outlets if _connection_id(one) == number)
+        raise ConversionError(
+            f"topic {topic!r} has a message at {clock.to_seconds(int(times_ns[at]))!r} s; ROS 1 has no times from "
+            "2**32 s, in the year 2106, on; pass time_offset= to move them"
+        )
 
     def _settle(self, before_ns: int | None) -> None:
         """Write the messages before a time; all of them without one."""
@@ -243,7 +265,7 @@ def _connection(outlet: Outlet) -> bytes:
     about.update(type=outlet.type.replace("/msg/", "/").encode(), md5sum=outlet.digest.encode())
     about["message_definition"] = outlet.text.encode() if found is None else found.definition
     if found is not None:  # with or without a topic, which is another one where it was remapped
-        about.update((name, value.encode()) for name, value in found.metadata if name in _HEADER_FIELDS)
+        about.update((name, value.encode()) for name, value in found.metadata if name not in _NOT_IN_HEADERS)
     return _record(_fields(about), op=_byte(_CONNECTION), conn=_u32(_connection_id(outlet)), topic=topic)
 
 

@@ -45,7 +45,11 @@ class Storage:
             qos: What a topic was offered with, as YAML.
             distro: Of ROS 2.
             version: Of the metadata.
+
+        Raises:
+            ConversionError: Two topics have different definitions of one type.
         """
+        _check_types(outlets)
         self._version = version
         self._base = sqlite3.connect(path, isolation_level=None)
         # The file gets its name when it is whole, so nothing has to be undone in it.
@@ -125,6 +129,36 @@ class Storage:
     def close(self) -> None:
         """Close the file, finished or not. May be called twice."""
         self._base.close()
+
+
+def _check_types(outlets: Sequence[Outlet]) -> None:
+    """Refuse two definitions of one type: the schema has one a name, by which messages of the other would be read."""
+    first: dict[str, Outlet] = {}
+    for one in outlets:
+        if not _encoding(one):
+            continue
+        other = first.setdefault(one.type, one)
+        if not _is_same(one, other):
+            where = (
+                f"topic {one.topic!r} has" if one.topic == other.topic else f"{other.topic!r} and {one.topic!r} have"
+            )
+            raise ConversionError(
+                f"{where} two definitions of the type {one.type!r}, and SQLite keeps one a type; pass storage='mcap', "
+                "which keeps both"
+            )
+
+
+def _is_same(one: Outlet, other: Outlet) -> bool:
+    """Whether two outlets of one type say the same of it, but for comments, which no hash counts either."""
+    if one.digest and one.digest == other.digest:
+        return True
+    return _encoding(one) == _encoding(other) and _lines(one) == _lines(other)
+
+
+def _lines(outlet: Outlet) -> list[list[str]]:
+    if _encoding(outlet) != "ros2msg":
+        return [[outlet.text]]
+    return [words for line in outlet.text.splitlines() if (words := line.partition("#")[0].split())]
 
 
 def _encoding(outlet: Outlet) -> str:

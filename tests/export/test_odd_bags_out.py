@@ -1,0 +1,132 @@
+"""Bags with odd parts go out whole, or the error names what the other format cannot say."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.typesys import Stores, get_typestore
+from ruamel.yaml import YAML
+
+from ml_dash_mcap import Recording, convert
+from ml_dash_mcap.errors import ConversionError
+from tests.support import system_python
+
+NOETIC = get_typestore(Stores.ROS1_NOETIC)
+JAZZY = get_typestore(Stores.ROS2_JAZZY)
+STRING_MD5 = "992ce8a1687cec8c8bd883ec73ca41d1"
+WHEELS = ("int32 left\nint32 right\n", "int32 right\nint32 left\n")
+
+
+def mcap(
+    path: Path,
+    channels: Sequence[tuple[str, str, str, bytes]],
+    metadata: Mapping[str, str] | None = None,
+    time_ns: int = 5,
+) -> Path:
+    """Write a file of rosbag2: topics, their types, definitions, and a message of each."""
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start("ros2", "a test")
+        for topic, name, text, payload in channels:
+            schema = writer.register_schema(name, "ros2msg", text.encode())
+            channel = writer.register_channel(topic, "cdr", schema, dict(metadata or {}))
+            writer.add_message(channel, time_ns, payload, time_ns, 1)
+        writer.finish()
+    return path
+
+
+def ros1(bag: Path, program: str = "read_bag.py") -> Any:
+    needs = ("rosbag", "roslz4", "sensor_msgs.msg")
+    return system_python.run(program, bag, needs=needs, package="python3-rosbag")
+
+
+def string(text: str) -> bytes:
+    return bytes(JAZZY.serialize_cdr(JAZZY.types["std_msgs/msg/String"](text), "std_msgs/msg/String"))
+
+
+# -- SQLite ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("topics", [("/w", "/w"), ("/a", "/b")])
+def test_sqlite_refuses_two_definitions_of_a_type_and_mcap_keeps_both(tmp_path: Path, topics: tuple[str, str]) -> None:
+    with Ros1Writer(tmp_path / "in.bag") as writer:
+        for number, (topic, text) in enumerate(zip(topics, WHEELS, strict=True)):
+            connection = writer.add_connection(topic, "p/msg/W", msgdef=text, md5sum=str(number) * 32)
+            writer.write(connection, 5 + number, b"\1\0\0\0\2\0\0\0")
+    with pytest.raises(ConversionError, match=r"'p/msg/W'.*storage='mcap'") as caught:
+        convert(tmp_path / "in.bag", tmp_path / "db", format="rosbag2", storage="sqlite3")
+    assert all(repr(topic) in str(caught.value) for topic in topics)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in.bag"]
+    convert(tmp_path / "in.bag", tmp_path / "mcap", format="rosbag2")
+    with Recording(tmp_path / "mcap") as recording:
+        found = {(row["left"], row["right"]) for topic in recording for row in recording[topic].rows()}
+    assert found == {(1, 2), (2, 1)}
+
+
+def test_sqlite_takes_definitions_that_differ_in_comments(tmp_path: Path) -> None:
+    texts = ("int32 a\n", "# What it is.\nint32   a # here\n\n")
+    channels = [(f"/t{number}", "p/msg/A", text, b"\0\1\0\0\7\0\0\0") for number, text in enumerate(texts)]
+    convert(mcap(tmp_path / "in.mcap", channels), tmp_path / "db", format="rosbag2", storage="sqlite3")
+    base = sqlite3.connect(tmp_path / "db/db_0.db3")
+    assert base.execute("SELECT count(*) FROM messages").fetchone() == (2,)
+    base.close()
+
+
+# -- metadata.yaml -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("distro", ["humble", "jazzy"])
+def test_odd_values_in_a_qos_profile_come_out_as_they_came(tmp_path: Path, distro: str) -> None:
+    qos = "- {history: 1, depth: 2021-01-01, 5: x, a: .nan, b: [[1, 2], {}], c: !!binary aGk=, true: 1, 'no': -.inf}\n- {}"
+    mcap(
+        tmp_path / "in.mcap",
+        [("/s", "std_msgs/msg/String", "string data\n", string("a"))],
+        {"offered_qos_profiles": qos},
+    )
+    convert(tmp_path / "in.mcap", tmp_path / "out", format="rosbag2", distro=distro)
+    yaml = YAML(typ="safe", pure=True)
+    (topic,) = yaml.load((tmp_path / "out/metadata.yaml").read_text())["rosbag2_bagfile_information"][
+        "topics_with_message_count"
+    ]
+    found = topic["topic_metadata"]["offered_qos_profiles"]
+    found = yaml.load(found) if distro == "humble" else found
+    said = yaml.load(qos)
+    if distro == "jazzy":
+        said[0]["history"] = "keep_last"
+    assert repr(found) == repr(said)  # NaN is not equal to itself
+
+
+def test_custom_data_of_any_keys_and_values_comes_out_as_it_came(tmp_path: Path) -> None:
+    custom = "{a: 1, 2: [3, [4, {b: 2021-01-01}]], c: true, 'true': 'x', 1.5: {}, '5': []}"
+    (tmp_path / "in").mkdir()
+    mcap(tmp_path / "in/in_0.mcap", [("/s", "std_msgs/msg/String", "string data\n", string("a"))])
+    head = "rosbag2_bagfile_information:\n  version: 9\n  relative_file_paths: [in_0.mcap]\n"
+    (tmp_path / "in/metadata.yaml").write_text(f"{head}  custom_data: {custom}\n")
+    convert(tmp_path / "in", tmp_path / "run")
+    with Recording(tmp_path / "run") as recording:
+        recording.export(tmp_path / "out", format="rosbag2")
+    yaml = YAML(typ="safe", pure=True)
+    found = yaml.load((tmp_path / "out/metadata.yaml").read_text())["rosbag2_bagfile_information"]["custom_data"]
+    assert found == yaml.load(custom)
+
+
+# -- ROS 1 -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_time_that_ros_1_has_no_room_for_names_its_topic(tmp_path: Path) -> None:
+    channels = [("/late", "std_msgs/msg/String", "string data\n", string("a"))]
+    mcap(tmp_path / "in.mcap", channels, time_ns=2**32 * 10**9)
+    with pytest.raises(ConversionError, match=r"'/late'.*4294967296\.0 s"):
+        convert(tmp_path / "in.mcap", tmp_path / "out.bag", format="rosbag1")
+    assert not (tmp_path / "out.bag").exists()
+    mcap(tmp_path / "last.mcap", channels, time_ns=2**32 * 10**9 - 1)
+    convert(tmp_path / "last.mcap", tmp_path / "last.bag", format="rosbag1")
+    with Ros1Reader(tmp_path / "last.bag") as reader:
+        assert [time for _, time, _ in reader.messages()] == [2**32 * 10**9 - 1]
