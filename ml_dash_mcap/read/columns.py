@@ -34,6 +34,9 @@ _COLUMN_BYTES, _WIDEST = 2048, 16
 `_MOST_BYTES`. Otherwise the price of rows with thousands of fields would grow with the square of their number."""
 
 
+_LISTS = (pa.ListType, pa.LargeListType, pa.FixedSizeListType)
+
+
 @dataclass(frozen=True, slots=True)
 class _Piece:
     """Messages of one channel, copied out of their chunk."""
@@ -174,7 +177,10 @@ class _Reading:
         lines = joined([payloads[at] for at in even.tolist()])
         flat = None if lines is None else reader.read(lines)
         named = None if flat is None else self._named(_picked(pieces, even), flat)
-        return [self._decoded(pieces)] if named is None else [named, self._decoded(_picked(pieces, odd))]
+        if named is None:
+            return [self._decoded(pieces)]
+        others = self._decoded(_picked(pieces, odd))
+        return [self._decoded(pieces)] if _clash(named.block, others.block) else [named, others]
 
     def _named(self, pieces: list[_Piece], flat: dict[str, Any]) -> _Parsed | None:
         """Give columns the names that are wanted; None if that would lose one."""
@@ -257,6 +263,24 @@ class _Reading:
         for time, written, _ in found:
             first.setdefault(time, written)
         return merged, list(first.values())
+
+
+def _clash(one: Block, other: Block) -> bool:
+    """Whether blocks have a column of different kinds, which becomes text: then each number is to be spelled as it was.
+
+    A column that holds integers and doubles has doubles.
+    """
+    shared = one.columns.keys() & other.columns.keys()
+    return any(_differ(one.columns[name].array.type, other.columns[name].array.type) for name in shared)
+
+
+def _differ(one: pa.DataType, other: pa.DataType) -> bool:
+    if pa.types.is_null(one) or pa.types.is_null(other):
+        return False
+    if isinstance(one, _LISTS) and isinstance(other, _LISTS):
+        return _differ(one.value_type, other.value_type)
+    are_numbers = [pa.types.is_integer(type_) or pa.types.is_floating(type_) for type_ in (one, other)]
+    return bool(one != other and not all(are_numbers))
 
 
 def _picked(pieces: list[_Piece], which: npt.NDArray[np.intp]) -> list[_Piece]:

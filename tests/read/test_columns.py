@@ -267,3 +267,11 @@ def test_fields_that_few_rows_have_are_found(tmp_path: Path) -> None:
             found = recording["sparse"].to_arrow(columns=columns).to_pylist()
             kept = [{k: v for k, v in row.items() if columns is None or k in (*columns, "_ts")} for row in rows]
             assert [{k: v for k, v in row.items() if v is not None} for row in found] == kept
+
+
+def test_integers_of_a_column_of_several_kinds_stay_integers_beside_rows_with_a_side_key(tmp_path: Path) -> None:
+    with Recorder(tmp_path) as recorder:
+        rows = [{"odd": 0, "v": 0.0}, {"odd": 0.0, "v": 1.0}, {"odd": "", "v": math.inf}]
+        recorder.topic("t").append_batch([{**row, "_ts": float(number)} for number, row in enumerate(rows)])
+    with Recording(tmp_path) as recording:
+        assert recording["t"].to_arrow().to_pydict()["odd"] == ["0", "0.0", '""']
