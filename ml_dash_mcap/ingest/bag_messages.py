@@ -87,6 +87,9 @@ def unpacked(block: MessageBlock, path: Path, losses: list[str] | None) -> Messa
     kept = []
     for at, payload in enumerate(block.payloads):
         try:
+            size = zstandard.frame_content_size(payload)  # unpack takes that much memory at once; -1 if it is not there
+            if size > _MOST_MESSAGE_BYTES:
+                raise zstandard.ZstdError(f"it says that it has {size} bytes; the limit is {_MOST_MESSAGE_BYTES}")
             payloads.append(unpack(payload, max_output_size=_MOST_MESSAGE_BYTES))
         except zstandard.ZstdError as error:
             what = f"the message at {block.times_ns[at]} ns cannot be decompressed: {error}"

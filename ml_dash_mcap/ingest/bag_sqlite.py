@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 import sqlite3
 import tempfile
@@ -11,18 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DamagedFileError
+from ..errors import DamagedFileError, MissingRecordingError, StorageError
 from ..messages import Channel, MessageBlock, Payload
+from . import bag_rows
 from .bag_messages import unpacked
+from .bag_rows import Row
 
 MAGIC = b"SQLite format 3\0"
 
 _BESIDE = ("-wal", "-journal")
 """What SQLite leaves beside a file whose process died: rows that are not in it yet, or that have to be undone in it."""
 
-_Row = tuple[int, int, bytes]
-
-_AT_ONCE = 512
 _BLOCK_BYTES = 1 << 20
 _BLOCK_MESSAGES = 8192
 
@@ -40,12 +40,20 @@ class SqliteBag:
 
         Raises:
             DamagedFileError: It is no SQLite file, is cut, or has not the tables of a bag.
+            StorageError: It is not there, or cannot be opened.
         """
+        _check_is_readable(path)
         self.name = path.name
         self.losses: list[str] = []
         self._path = path
         self._is_packed = is_packed
         self._salvages = salvages
+        self._numbers: dict[Any, int] = {}
+        """Numbers of the channels, by what the file has as the ids of their topics."""
+        self._left_out: set[Any] = set()
+        """Ids of topics that are damaged, which `losses` name."""
+        self._are_ids = True
+        """Whether the ids are those numbers, as in most files."""
         self._copy: tempfile.TemporaryDirectory[str] | None = None
         left = [beside for end in _BESIDE if (beside := Path(f"{path}{end}")).is_file() and beside.stat().st_size]
         if left:
@@ -59,14 +67,15 @@ class SqliteBag:
         try:
             self._tables = {name for (name,) in self._ask("SELECT name FROM sqlite_master WHERE type = 'table'")}
             self._channels = self._read_channels()
-            (self.count,) = self._ask("SELECT COUNT(*) FROM messages")[0]
+            self._are_ids = all(type(topic) is int and topic == number for topic, number in self._numbers.items())
+            self.count = self._count()
         except BaseException:
             self.close()
             raise
 
     @property
     def channels(self) -> Mapping[int, Channel]:
-        """All channels by the ids of their topics."""
+        """All channels by their numbers: from 1 on, in the order of the ids of their topics."""
         return self._channels
 
     @property
@@ -89,23 +98,15 @@ class SqliteBag:
         times: list[int] = []
         payloads: list[Payload] = []
         size = 0
-        cursor = self._base.cursor()
-        try:
-            cursor.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
-            while rows := cursor.fetchmany(_AT_ONCE):
-                more_numbers, more_times, more_payloads = self._columns(rows, wanted)
-                numbers.extend(more_numbers)
-                times.extend(more_times)
-                payloads.extend(more_payloads)
-                size += sum(map(len, more_payloads))
-                if size >= _BLOCK_BYTES or len(numbers) >= _BLOCK_MESSAGES:
-                    yield self._block(numbers, times, payloads)
-                    numbers, times, payloads, size = [], [], [], 0
-        except (sqlite3.Error, DamagedFileError) as error:
-            lost = self._broken("this SQLite bag cannot be read on", error)
-            if not self._salvages:
-                raise lost from error
-            self.losses.append(str(lost))
+        for rows in bag_rows.rows(self._base, self._path, self.losses if self._salvages else None):
+            more_numbers, more_times, more_payloads = self._columns(rows, wanted)
+            numbers.extend(more_numbers)
+            times.extend(more_times)
+            payloads.extend(more_payloads)
+            size += sum(map(len, more_payloads))
+            if size >= _BLOCK_BYTES or len(numbers) >= _BLOCK_MESSAGES:
+                yield self._block(numbers, times, payloads)
+                numbers, times, payloads, size = [], [], [], 0
         if numbers:
             yield self._block(numbers, times, payloads)
 
@@ -116,30 +117,46 @@ class SqliteBag:
             self._copy.cleanup()
             self._copy = None
 
-    def _columns(self, rows: list[_Row], wanted: Collection[int]) -> tuple[Sequence[Any], ...]:
-        """Return the topics, times and contents of some rows, of those channels that are wanted."""
-        numbers, times, payloads = zip(*rows, strict=True)
-        if {*map(type, payloads)} != {bytes} or {*map(type, times)} != {int} or min(times) < 0:
+    def _columns(self, rows: list[Row], wanted: Collection[int]) -> tuple[Sequence[Any], ...]:
+        """Return the channels, times and contents of some rows, of those channels that are wanted."""
+        topics, times, payloads = zip(*rows, strict=True)
+        is_sound = {*map(type, payloads)} == {bytes} and {*map(type, times)} == {int} and min(times) >= 0
+        present = {*topics}
+        if not is_sound or not self._numbers.keys() >= present:
             return self._columns_but_bad(rows, wanted)
-        known = set(numbers)
-        if not known <= self._channels.keys():
-            stray = min(known - self._channels.keys())
-            raise DamagedFileError(self._path, 0, f"a message is on topic {stray}, which is not in the table")
-        if known <= set(wanted):
+        numbers = topics if self._are_ids else tuple(map(self._numbers.__getitem__, topics))
+        if {self._numbers[topic] for topic in present} <= {*wanted}:
             return numbers, times, payloads
-        chosen = [row for row in rows if row[0] in wanted]
+        chosen = [row for row in zip(numbers, times, payloads, strict=True) if row[0] in wanted]
         return tuple(zip(*chosen, strict=True)) if chosen else ((), (), ())
 
-    def _columns_but_bad(self, rows: list[_Row], wanted: Collection[int]) -> tuple[Sequence[Any], ...]:
-        good = [row for row in rows if type(row[2]) is bytes and type(row[1]) is int and row[1] >= 0]
-        bad = next(row for row in rows if row not in good)
-        what = f"the message of topic {bad[0]} at time {bad[1]!r} is no bytes at a time of 0 or later"
-        if not self._salvages:
-            raise DamagedFileError(self._path, 0, what)
-        self.losses.append(
-            f"{self._path}: {what}" + f"; {len(rows) - len(good)} such in all" * (len(good) + 1 < len(rows))
-        )
+    def _columns_but_bad(self, rows: list[Row], wanted: Collection[int]) -> tuple[Sequence[Any], ...]:
+        """Return what `_columns` does without the rows that are damaged, or raise where that was not wanted."""
+        good: list[Row] = []
+        faults: list[str] = []
+        for row in rows:
+            if row[0] in self._left_out:
+                continue
+            fault = self._fault(row)
+            if fault:
+                faults.append(fault)
+            else:
+                good.append(row)
+        if faults and not self._salvages:
+            raise DamagedFileError(self._path, 0, faults[0])
+        if faults:
+            more = f"; {len(faults)} such in all" if len(faults) > 1 else ""
+            self.losses.append(f"{self._path}: {faults[0]}{more}")
         return self._columns(good, wanted) if good else ((), (), ())
+
+    def _fault(self, row: Row) -> str:
+        """Say what is wrong with a row; nothing if it is sound."""
+        topic, time_ns, payload = row
+        if topic not in self._numbers:
+            return f"a message is on topic {topic!r}, which is not in the table"
+        if type(payload) is not bytes or type(time_ns) is not int or time_ns < 0:
+            return f"the message of topic {topic!r} at time {time_ns!r} is no bytes at a time of 0 or later"
+        return ""
 
     def _block(self, numbers: list[int], times: list[int], payloads: list[Payload]) -> MessageBlock:
         times_ns = np.array(times, np.uint64)
@@ -153,26 +170,62 @@ class SqliteBag:
         defined: dict[str, tuple[str, str]] = {}
         if "message_definitions" in self._tables:
             rows = self._ask("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
-            defined = {type_: (encoding, text) for type_, encoding, text in rows}
+            defined = {_as_text(type_): (_as_text(encoding), _as_text(text)) for type_, encoding, text in rows}
         columns = {row[1] for row in self._ask("PRAGMA table_info(topics)")}
         qos, digest = (name if name in columns else "''" for name in ("offered_qos_profiles", "type_description_hash"))
         topics = self._ask(f"SELECT id, name, type, serialization_format, {qos}, {digest} FROM topics ORDER BY id")
-        return {number: _channel(defined, *row) for number, *row in topics}
+        channels: dict[int, Channel] = {}
+        for topic, *row in topics:
+            fault = self._topic_fault(topic, *row[:2])
+            if fault and not self._salvages:
+                raise DamagedFileError(self._path, 0, fault)
+            if fault:
+                self.losses.append(f"{self._path}: {fault}")
+                self._left_out |= {topic} - self._numbers.keys()
+            else:
+                number = self._numbers[topic] = len(channels) + 1
+                channels[number] = _channel(defined, *row)
+        return channels
+
+    def _topic_fault(self, topic: Any, name: Any, type_: Any) -> str:
+        """Say what is wrong with a row of the table of topics; nothing if it is sound."""
+        if not isinstance(name, str) or not isinstance(type_, str):
+            return (
+                f"the topic with the id {topic!r} has the name {name!r} and the type {type_!r}, which are not both text"
+            )
+        return f"two topics have the id {topic!r}; the second is {name!r}" if topic in self._numbers else ""
+
+    def _count(self) -> int:
+        """Return how many messages there are; where that is damaged, how many can be read."""
+        try:
+            (counted,) = self._ask("SELECT COUNT(*) FROM messages")[0]
+        except DamagedFileError:
+            if not self._salvages:
+                raise
+            return bag_rows.count(self._base)
+        return int(counted)
 
     def _said(self, table: str, column: str) -> str:
         if table not in self._tables:
             return ""
         rows = self._ask(f"SELECT {column} FROM {table}")
-        return str(rows[-1][0] or "") if rows else ""
+        return _as_text(rows[-1][0]) if rows else ""
 
     def _ask(self, question: str) -> list[Any]:
         try:
             return self._base.execute(question).fetchall()
-        except sqlite3.Error as error:
-            raise self._broken("this SQLite bag cannot be read", error) from error
+        except bag_rows.ERRORS as error:
+            raise DamagedFileError(self._path, 0, f"this SQLite bag cannot be read: {error}") from error
 
-    def _broken(self, what: str, error: Exception) -> DamagedFileError:
-        return error if isinstance(error, DamagedFileError) else DamagedFileError(self._path, 0, f"{what}: {error}")
+
+def _check_is_readable(path: Path) -> None:
+    """Raise what the system says of a file that cannot be opened; SQLite does not say it."""
+    try:
+        path.open("rb").close()
+    except FileNotFoundError as error:
+        raise MissingRecordingError(errno.ENOENT, "a file of the bag is missing", str(path)) from error
+    except OSError as error:
+        raise StorageError(error.errno, f"cannot be read: {error.strerror}", str(path)) from error
 
 
 def _text(data: bytes) -> str:
@@ -180,14 +233,24 @@ def _text(data: bytes) -> str:
     return data.decode("utf-8", "replace")
 
 
+def _as_text(value: Any) -> str:
+    """Return what a column of text has, which may be nothing, a number or bytes in a file that others wrote."""
+    return _text(value) if isinstance(value, bytes) else str(value or "")
+
+
 def _channel(
-    defined: Mapping[str, tuple[str, str]], topic: str, type_: str, format_: str, qos: str | None, digest: str | None
+    defined: Mapping[str, tuple[str, str]], topic: str, type_: str, format_: Any, qos: Any, digest: Any
 ) -> Channel:
     encoding, text = defined.get(type_, ("", ""))
     is_known = encoding in ("ros2msg", "ros2idl")  # a type without fields has an empty text
-    metadata = {"offered_qos_profiles": qos or ""}
+    metadata = {"offered_qos_profiles": _as_text(qos)}
     if digest:
-        metadata["topic_type_hash"] = digest
+        metadata["topic_type_hash"] = _as_text(digest)
     return Channel(
-        topic, type_, encoding if is_known else "", text.encode() if is_known else b"", format_, tuple(metadata.items())
+        topic,
+        type_,
+        encoding if is_known else "",
+        text.encode() if is_known else b"",
+        _as_text(format_),
+        tuple(metadata.items()),
     )
