@@ -6,15 +6,17 @@ counts: field by field where they differ, by name.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from rosbags.convert.converter import is_same_wireformat, migrate_bytes
+from rosbags.convert.converter import is_same_wireformat, migrate_bytes, migrate_message
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.base import normalize_fieldname
 from rosbags.typesys.store import Typestore
 
-from ..errors import ConversionError
+from ..errors import ConversionError, ConversionWarning
 from ..messages import Payload
 from . import stores
 
@@ -53,9 +55,9 @@ def translation(name: str, encoding: str, text: str, *, to_ros1: bool) -> Transl
         ConversionError: It has what the other generation does not know, or its definition cannot be read.
     """
     package, _, rest = name.partition("/")
-    source = f"{package}/msg/{rest.rpartition('/')[2]}"
+    source = _in_ros1(name) if to_ros1 else f"{package}/msg/{rest.rpartition('/')[2]}"
     try:
-        src = _source(source, encoding, text, is_ros1=not to_ros1)
+        src = _source(source, name, encoding, text, is_ros1=not to_ros1)
         target = source if to_ros1 else _RENAMED.get(source, source)
         dst, changes = _destination(src, source, target, to_ros1=to_ros1)
         definition, md5 = dst.generate_msgdef(target, ros_version=1 if to_ros1 else 2)
@@ -71,22 +73,85 @@ def translation(name: str, encoding: str, text: str, *, to_ros1: bool) -> Transl
 def _converter(src: Typestore, dst: Typestore, source: str, target: str, to_ros1: bool) -> Callable[[Payload], Payload]:
     is_same = is_same_wireformat(src, dst, source, target)
     cache: dict[str, object] = {}
+    bounds = {} if to_ros1 else _bounds(src, dst)
+    warned: set[str] = set()
+
+    def cut(message: Any) -> None:
+        """Say once of each field that a message has more elements than the other definition has room for."""
+        for where, size, most in _excess(src, source, message, bounds):
+            if where not in warned:
+                warned.add(where)
+                warnings.warn(
+                    f"{where} of a {target} has {size} elements, and ROS 2 has room for {most}: the last {size - most} "
+                    "are cut off, as they are in all messages with more than it has room for",
+                    ConversionWarning,
+                    stacklevel=4,
+                )
 
     def convert(payload: Payload) -> Payload:
         try:
+            if bounds:
+                message = src.deserialize_ros1(payload, source)
+                cut(message)
+                return dst.serialize_cdr(
+                    migrate_message(src, dst, source, target, cache, message), target, little_endian=True
+                )
             if not is_same or (to_ros1 and bytes(payload[:2]) != b"\0\1"):
                 return migrate_bytes(src, dst, source, target, cache, payload, src_is2=to_ros1, dst_is2=not to_ros1)
             return src.cdr_to_ros1(payload, source) if to_ros1 else dst.ros1_to_cdr(payload, target)
+        except ConversionWarning:  # of somebody who wants warnings to be errors
+            raise
         except Exception as error:
             raise ValueError(str(error)) from error
 
     return convert
 
 
-def _source(name: str, encoding: str, text: str, *, is_ros1: bool) -> Typestore:
+def _bounds(src: Typestore, dst: Typestore) -> dict[tuple[str, str], int]:
+    """Return the most elements that a type's field may have there and need not have here."""
+    found = {}
+    for name, (_, fields) in src.fielddefs.items():
+        there = dict(dst.fielddefs[name][1]) if name in dst.fielddefs else {}
+        for field, kind in fields:
+            other = there.get(field)
+            if other is not None and other[0] == kind[0] == Nodetype.SEQUENCE and other[1][1]:
+                found[name, field] = int(other[1][1])
+    return found
+
+
+def _excess(
+    src: Typestore, name: str, message: Any, bounds: Mapping[tuple[str, str], int]
+) -> Iterator[tuple[str, int, int]]:
+    """Yield the fields of a message that have more elements than they may: which, how many, and how many they may."""
+    fields: Sequence[tuple[str, Any]] = src.fielddefs[name][1]
+    for field, kind in fields:
+        value = getattr(message, normalize_fieldname(field))
+        most = bounds.get((name, field))
+        if most is not None and len(value) > most:
+            yield f"{name}.{field}", len(value), most
+        is_many = kind[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+        inner = kind[1][0] if is_many else kind
+        if inner[0] == Nodetype.NAME:
+            for one in value if is_many else (value,):
+                yield from _excess(src, inner[1], one, bounds)
+
+
+def _source(name: str, full: str, encoding: str, text: str, *, is_ros1: bool) -> Typestore:
+    """Return a type and all in it as they are defined, but as ROS 1 can say them where they go to ROS 1.
+
+    Args:
+        name: Of the type, in the store.
+        full: Its own name, which may be one of a service or an action.
+        encoding: Of its definition.
+        text: The definition, followed by those of the types in it.
+        is_ros1: Whether they come from ROS 1.
+    """
     found = get_typestore(Stores.EMPTY)
-    standard = stores.store(is_ros1=is_ros1).fielddefs
-    types = dict(get_types_from_idl(text) if encoding == "ros2idl" else get_types_from_msg(text, name))
+    standard: Mapping[str, Any] = stores.store(is_ros1=is_ros1).fielddefs
+    root = name if is_ros1 else full
+    types: dict[str, Any] = dict(get_types_from_idl(text) if encoding == "ros2idl" else get_types_from_msg(text, root))
+    if not is_ros1:
+        standard, types = _plain(standard), _plain(types)
     for one in (*_TIMES, _HEADER):
         if one in standard:
             types[one] = standard[one]
@@ -106,6 +171,34 @@ def _source(name: str, encoding: str, text: str, *, is_ros1: bool) -> Typestore:
         missing += _inner(types, one)
     found.register(types)
     return found
+
+
+def _plain(types: Mapping[str, Any]) -> dict[str, Any]:
+    """Return types of ROS 2 under names, and with fields, that ROS 1 knows."""
+    return {
+        _in_ros1(name): (constants, [(field, _unbounded(kind)) for field, kind in fields])
+        for name, (constants, fields, *_) in types.items()
+    }
+
+
+def _in_ros1(name: str) -> str:
+    """Return the name of a type, where messages, services and actions have one folder, and must not take one name.
+
+    `p/srv/Foo_Request` becomes `p/msg/srv_Foo_Request`: names of messages begin with a capital letter.
+    """
+    package, *folders, last = name.split("/")
+    kind = next((one for one in folders if one in ("srv", "action")), "")
+    return f"{package}/msg/{kind}_{last}" if kind else f"{package}/msg/{last}"
+
+
+def _unbounded(kind: Any) -> Any:
+    """Return the type of a field without bounds, which ROS 1 does not have and messages do not spell."""
+    if kind[0] == Nodetype.BASE:
+        return (kind[0], (kind[1][0], 0))
+    if kind[0] == Nodetype.NAME:
+        return (kind[0], _in_ros1(kind[1]))
+    inner, size = kind[1]
+    return (kind[0], (_unbounded(inner), size if kind[0] == Nodetype.ARRAY else 0))
 
 
 def _destination(src: Typestore, source: str, target: str, *, to_ros1: bool) -> tuple[Typestore, tuple[str, ...]]:
@@ -141,8 +234,8 @@ def _check(types: Mapping[str, Any], name: str, *, to_ros1: bool) -> None:
 
 
 def _differences(name: str, before: Sequence[tuple[str, Any]], after: Sequence[tuple[str, Any]]) -> Iterator[str]:
-    """Name the fields that only one of two definitions has, unless they only spell them in another case."""
-    old, new = ([(field.lower(), kind) for field, kind in one] for one in (before, after))
+    """Name the fields that only one of two definitions has, but for their case and bounds."""
+    old, new = ([(field.lower(), _unbounded(kind)) for field, kind in one] for one in (before, after))
     if old != new:
         for field, kind in old:
             if (field, kind) not in new:

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import sqlite3
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_typestore
 from ruamel.yaml import YAML
 
 from ml_dash_mcap import Recording, convert
-from ml_dash_mcap.errors import ConversionError
+from ml_dash_mcap.errors import ConversionError, ConversionWarning
 from tests.support import system_python
 
 NOETIC = get_typestore(Stores.ROS1_NOETIC)
@@ -130,3 +133,68 @@ def test_a_time_that_ros_1_has_no_room_for_names_its_topic(tmp_path: Path) -> No
     convert(tmp_path / "last.mcap", tmp_path / "last.bag", format="rosbag1")
     with Ros1Reader(tmp_path / "last.bag") as reader:
         assert [time for _, time, _ in reader.messages()] == [2**32 * 10**9 - 1]
+
+
+# -- From one generation of ROS to the other ---------------------------------------------------------------------------
+
+
+def test_bounds_defaults_and_constants_are_said_as_ros_1_reads_them(tmp_path: Path) -> None:
+    text = (
+        'string<=3 s\nint32[<=2] v\nstring<=4[<=2] t\np/B[<=1] b\nint32 X=0x10\nbool YES=true\nstring S="a b"\n'
+        "int32 d 7\n" + "=" * 80 + "\nMSG: p/B\nint16[<=2] w [1, 2]\n"
+    )
+    payload = bytes.fromhex(
+        "00010000" "03000000" "6162" "0000" "01000000" "09000000" "01000000" "02000000" "6300" "0000"
+        "01000000" "01000000" "0500" "0000" "07000000"
+    )  # fmt: skip
+    mcap(tmp_path / "in.mcap", [("/c", "p/msg/C", text, payload)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ConversionWarning)
+        convert(tmp_path / "in.mcap", tmp_path / "out.bag", format="rosbag1")
+    found = ros1(tmp_path / "out.bag")["topics"]["/c"]
+    assert (found["type"], found["read"], found["valid"]) == ("p/C", 1, True)
+    assert found["first"] == {"s": "ab", "v": [9], "t": ["c"], "b": [{"w": [5]}], "d": 7}
+    with Ros1Reader(tmp_path / "out.bag") as reader:
+        (connection,) = reader.connections
+        lines = connection.msgdef.data.splitlines()
+    assert {"string s", "int32[] v", "string[] t", "p/B[] b", "int32 X=16", "bool YES=True", "string S=a b"} < set(
+        lines
+    )
+
+
+def test_a_message_and_parts_of_a_service_and_an_action_keep_names_of_their_own_in_ros_1(tmp_path: Path) -> None:
+    nested = "p/srv/Foo_Request[<=1] request\n" + "=" * 80 + "\nMSG: p/srv/Foo_Request\nint32 a\n"
+    seven = b"\0\1\0\0\7\0\0\0"
+    channels = [
+        ("/service", "p/srv/Foo_Request", "int32 a\n", seven),
+        ("/message", "p/msg/Foo_Request", "int32 b\n", seven),
+        ("/action", "p/action/Foo_Request", "int32 c\n", seven),
+        ("/event", "p/srv/Foo_Event", nested, b"\0\1\0\0\1\0\0\0\7\0\0\0"),
+    ]
+    convert(mcap(tmp_path / "in.mcap", channels), tmp_path / "out.bag", format="rosbag1")
+    found = ros1(tmp_path / "out.bag")["topics"]
+    assert {topic: (one["type"], one["first"], one["valid"]) for topic, one in found.items()} == {
+        "/service": ("p/srv_Foo_Request", {"a": 7}, True),
+        "/message": ("p/Foo_Request", {"b": 7}, True),
+        "/action": ("p/action_Foo_Request", {"c": 7}, True),
+        "/event": ("p/srv_Foo_Event", {"request": [{"a": 7}]}, True),
+    }
+
+
+@pytest.mark.parametrize("sizes", [(3, 3), (3, 4, 5)])
+def test_elements_are_only_said_to_be_cut_off_where_they_are(tmp_path: Path, sizes: tuple[int, ...]) -> None:
+    name = "shape_msgs/msg/SolidPrimitive"
+    with Ros1Writer(tmp_path / "in.bag") as writer:
+        connection = writer.add_connection("/s", name, typestore=NOETIC)
+        for time, size in enumerate(sizes, start=1):
+            message = NOETIC.types[name](1, np.arange(float(size)))
+            writer.write(connection, time, NOETIC.serialize_ros1(message, name))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        convert(tmp_path / "in.bag", tmp_path / "out", format="rosbag2")
+    about = [str(one.message) for one in caught if "dimensions" in str(one.message)]
+    assert len(about) == (max(sizes) > 3)
+    assert all("has 4 elements, and ROS 2 has room for 3: the last 1" in one for one in about)
+    with Ros2Reader(tmp_path / "out") as reader:
+        found = [JAZZY.deserialize_cdr(data, name).dimensions.tolist() for _, _, data in reader.messages()]
+    assert found == [[0.0, 1.0, 2.0]] * len(sizes)
