@@ -63,7 +63,7 @@ class File:
         self.decoding = decoding_
         self._losses = Losses()
         self._metadata: dict[int, records.Metadata | None] = {}
-        self._unpacking = Unpacking(self.source, limits_, self._losses)
+        self._unpacking = Unpacking(self.source, limits_, self._losses, self._topic_of if salvages else None)
         self._corrected: set[int] = set()
         """Where those chunks lie whose indexes were wrong."""
         self._surveyed = False
@@ -255,13 +255,21 @@ class File:
                 raise ReindexedError from error
             raise
 
+    def is_partial(self, chunk: Chunk) -> bool:
+        """Whether messages that are over the limits were left out of a chunk that was unpacked."""
+        return self._unpacking.is_partial(chunk)
+
+    def _topic_of(self, channel_id: int) -> str:
+        channel = self.index.channels.get(channel_id)
+        return f"channel {channel_id}" if channel is None else channel.topic
+
     def message_index(self, chunk: Chunk, channel_id: int) -> MessageIndex:
         """Return where one channel's messages lie in a chunk; its own records are walked if that is not stored.
 
         Raises:
             DamagedFileError: The chunk is damaged, and the file not to be salvaged.
         """
-        if chunk.indexed:
+        if chunk.indexed and not self._unpacking.is_over(chunk):
             try:
                 found = self._unpacking.index(chunk, channel_id)
                 if not chunks.are_within(found, chunk):
@@ -313,7 +321,7 @@ class File:
             self.lose_chunk(chunk, error)
             return []
         ids = list(channel_ids)
-        if chunk.indexed:
+        if chunk.indexed and not self.is_partial(chunk):
             try:
                 stored = [self._unpacking.index(chunk, one, span, chunk.offset) for one in ids]
                 if not all(chunks.are_within(one, chunk) for one in stored):
@@ -338,7 +346,7 @@ class File:
         is_whole = len(span) == chunk.length + chunk.message_index_length
         data = self.unpack(chunk, span[: chunk.length] if is_whole else None)
         indexes: list[MessageIndex] | None = None
-        if chunk.indexed:
+        if chunk.indexed and not self.is_partial(chunk):
             with suppress(DamagedFileError):
                 ids = chunk.message_index_offsets
                 indexes = [self._unpacking.index(chunk, one, span if is_whole else None, chunk.offset) for one in ids]
@@ -408,6 +416,8 @@ class File:
         Returns:
             What is true of it.
         """
+        if self.is_partial(chunk):
+            return chunk
         true = truth.of(chunk, contents)
         for key, what in truth.differences(chunk, contents):
             self.note(chunk.offset, what, key)

@@ -34,7 +34,7 @@ class StoredChunk(NamedTuple):
 
     chunk: Chunk
     record: bytes
-    """The whole Chunk record; empty for messages that lie outside of chunks."""
+    """The whole Chunk record; empty for messages that lie outside of chunks, or where some of them were left out."""
     messages: list[Messages]
     """Those of each channel, by their offsets in the chunk's records."""
 
@@ -104,7 +104,8 @@ def _chunks(
         chunk, span = one[0].chunk, one[1]
         present = [number for number in wanted if not chunk.indexed or number in chunk.message_index_offsets]
         messages = file.cut(chunk, present, start_ns, end_ns, memoryview(span))
-        return StoredChunk(chunk, b"" if chunk.compression == LOOSE else span[: chunk.length], messages)
+        is_as_stored = chunk.compression != LOOSE and not file.is_partial(chunk)
+        return StoredChunk(chunk, span[: chunk.length] if is_as_stored else b"", messages)
 
     def spans() -> Iterator[tuple[Located, bytes]]:
         for span in plan.coalesce(in_file):

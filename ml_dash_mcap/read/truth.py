@@ -96,7 +96,7 @@ def audit(file: File, collect: Callable[[Chunk, Contents], T]) -> list[T | Damag
             file.add(loss)
         if is_whole:
             true = _index(base, [(chunk, contents) for chunk, contents, _ in opened])
-            is_read = all(contents is not None for _, contents, _ in opened)
+            is_read = all(contents is not None and not file.is_partial(chunk) for chunk, contents, _ in opened)
             for offset, what in claims.wrong(file.source, file.limits, walked, true, is_read=is_read):
                 file.note(offset, what)
             file.adopt(replace(true, losses=before.losses))

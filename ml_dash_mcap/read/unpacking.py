@@ -5,14 +5,15 @@ from __future__ import annotations
 import threading
 from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
 from ..errors import DamagedFileError
+from . import around_limits, records
 from . import chunk as chunks
-from . import records
 from .fields import Bytes, Fields
 from .limits import Limits
-from .losses import Losses
+from .losses import Loss, Losses
 from .records import Chunk, MessageIndex, Opcode
 from .source import Source
 
@@ -29,14 +30,21 @@ _Key = tuple[int, int]
 class Unpacking:
     """Unpacks chunks and finds messages in them. Any thread may call it."""
 
-    def __init__(self, source: Source, limits: Limits, losses: Losses) -> None:
+    def __init__(
+        self, source: Source, limits: Limits, losses: Losses, topic_of: Callable[[int], str] | None = None
+    ) -> None:
         """Begin with nothing unpacked.
 
         Args:
             source: The file.
             limits: For what is unpacked.
-            losses: Gets what a chunk's index says wrongly.
+            losses: Gets what a chunk's index says wrongly, and what is left out.
+            topic_of: Names the topic of a channel, where messages that are over the limits are to be left out of their
+                chunk; None refuses the chunk.
         """
+        self._topic_of = topic_of
+        self._partial: set[_Key] = set()
+        """The chunks of which messages were left out."""
         self._losses = losses
         self._source = source
         self._limits = limits
@@ -70,18 +78,71 @@ class Unpacking:
             kept = self._kept.get(_key(chunk))
         if kept is not None:
             return kept
-        name = self._source.name
-        if record is None:
-            chunks.check_size(chunk, name, self._limits)
-            record = self._source.read(chunk.offset, chunk.length)
-        data = chunks.unpack(
-            record, chunk, name, self._limits, lambda what: self._losses.note(name, chunk.offset, what)
-        )
+        try:
+            data = self._unpacked(chunk, record)
+        except chunks.LimitError as error:
+            if self._topic_of is None or chunk.compression == records.LOOSE:
+                raise
+            data = self._around(chunk, error, self._topic_of)
         with self._kept_lock:
             self._kept[_key(chunk)] = data
             while len(self._kept) > _KEPT_CHUNKS or sum(map(len, self._kept.values())) > _KEPT_BYTES:
                 self._scanned.pop(self._kept.popitem(last=False)[0], None)
         return data
+
+    def _unpacked(self, chunk: Chunk, record: Bytes | None) -> bytes:
+        name = self._source.name
+        if record is None:
+            chunks.check_size(chunk, name, self._limits)
+            record = self._source.read(chunk.offset, chunk.length)
+        return chunks.unpack(
+            record, chunk, name, self._limits, lambda what: self._losses.note(name, chunk.offset, what)
+        )
+
+    def _around(self, chunk: Chunk, error: chunks.LimitError, topic_of: Callable[[int], str]) -> bytes:
+        """Return the records of a chunk that is over the limits, but for the messages that do not fit."""
+        name = self._source.name
+        rest = around_limits.read(self._source, chunk, self._limits)
+        scanned = chunks.scan(rest.data, chunk, name)
+        count: int | None = sum(rest.lost.values())
+        if not rest.is_whole:
+            known = self._announced(chunk)
+            count = None if known is None else max(known - sum(scanned.counts.values()), count or 0)
+        if rest.is_whole and not count:
+            self._losses.note(name, chunk.offset, f"the chunk's index says {error.what}, but it is not that large")
+            return rest.data
+        own = {number: channel.topic for number, channel in scanned.channels.items()}
+        topics = {own.get(number) or topic_of(number): lost for number, lost in rest.lost.items()}
+        parts = [f"{lost} of {topic!r}" for topic, lost in topics.items()]
+        parts += [] if rest.is_whole else ["all that lies behind what may be unpacked of it"]
+        what = f"messages that do not fit into the limits: {', '.join(parts)}; {error.what}"
+        with self._kept_lock:
+            self._partial.add(_key(chunk))
+        self._losses.add((chunk.offset, "limits"), Loss(Path(name), chunk.offset, what, count))
+        return rest.data
+
+    def _announced(self, chunk: Chunk) -> int | None:
+        """Return how many messages a chunk has by the indexes behind it; None where they do not say."""
+        if not chunk.indexed or not chunk.message_index_offsets:
+            return None
+        try:
+            return sum(len(self.index(chunk, one).offsets) for one in chunk.message_index_offsets)
+        except DamagedFileError:
+            return None
+
+    def is_partial(self, chunk: Chunk) -> bool:
+        """Whether messages were left out of a chunk when it was unpacked, so that its stored indexes do not fit."""
+        return bool(self._partial) and _key(chunk) in self._partial
+
+    def is_over(self, chunk: Chunk) -> bool:
+        """Whether messages may have to be left out of a chunk, as far as is known before it is unpacked."""
+        if self._topic_of is None or chunk.compression == records.LOOSE:
+            return False
+        try:
+            chunks.check_size(chunk, self._source.name, self._limits)
+        except chunks.LimitError:
+            return True
+        return self.is_partial(chunk)
 
     def scan(self, chunk: Chunk) -> Mapping[int, MessageIndex]:
         """Return where each channel's messages lie in a chunk by walking its own records.
@@ -102,6 +163,7 @@ class Unpacking:
         """Let go of what was unpacked: the file was rewritten."""
         with self._kept_lock:
             self._kept.clear()
+            self._partial.clear()
             self._scanned.clear()
 
     def index(self, chunk: Chunk, channel_id: int, span: Bytes | None = None, at: int = 0) -> MessageIndex:

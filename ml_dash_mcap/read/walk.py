@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..errors import DamagedFileError
+from . import around_limits, records
 from . import chunk as chunks
-from . import records
 from .index import FileIndex
 from .limits import Limits
 from .losses import Loss
@@ -216,9 +216,14 @@ class Walk:
 
     def _look_into(self, position: int) -> None:
         chunk, name = self._walked.chunks[position], self.source.name
-        chunks.check_size(chunk, name, self.limits)
-        record = self.source.read(chunk.offset, chunk.length)
-        self._walked.learn(position, chunks.scan(chunks.unpack(record, chunk, name, self.limits), chunk, name))
+        try:
+            chunks.check_size(chunk, name, self.limits)
+            data = chunks.unpack(self.source.read(chunk.offset, chunk.length), chunk, name, self.limits)
+        except chunks.LimitError:
+            if not self.salvages:
+                raise
+            data = around_limits.read(self.source, chunk, self.limits).data  # whoever reads the chunk says what is lost
+        self._walked.learn(position, chunks.scan(data, chunk, name))
 
     def _note_missing_end(self) -> None:
         if self._has_data_end:
