@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import shutil
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property, partial
 from pathlib import Path, PurePosixPath
@@ -12,7 +13,7 @@ from typing import Any
 
 import zstandard
 
-from ..errors import DamagedFileError, EncodingError, MissingRecordingError
+from ..errors import ConversionWarning, DamagedFileError, EncodingError, MissingRecordingError
 from ..messages import Channel
 from ..read.limits import DEFAULT, Limits
 from ..ros import information
@@ -44,11 +45,43 @@ class Folder:
         """The files, in the order of recording: those that the metadata names, or else those that are there."""
         if not self.path.is_dir():
             return [self.path]
-        named = [str(name) for name in self.information.get("relative_file_paths") or ()]
+        named = self._names()
         if not named:
-            there = [path for path in self.path.iterdir() if path.name.removesuffix(ZSTD).endswith(_SUFFIXES)]
-            return sorted(there, key=lambda path: _natural(path.name))
-        return [self._named(name) for name in named]
+            return self._present()
+        paths = [self._named(name) for name in named]
+        return list({path.resolve(): path for path in reversed(paths)}.values())[::-1]
+
+    @property
+    def unnamed(self) -> list[str]:
+        """Names of files of a bag that are beside those that the metadata names."""
+        if not self.path.is_dir() or not self._names():
+            return []
+        named = {path.name.removesuffix(ZSTD) for path in self.files}
+        return [path.name for path in self._present() if path.name.removesuffix(ZSTD) not in named]
+
+    def warn_of_unnamed(self) -> None:
+        """Warn of files that are not read because the metadata does not name them."""
+        if self.unnamed:
+            what = f"{METADATA} does not name {', '.join(self.unnamed)}; what is in there is not read"
+            warnings.warn(f"{self.path}: {what}", ConversionWarning, stacklevel=6)
+
+    def _present(self) -> list[Path]:
+        there = [path for path in self.path.iterdir() if path.name.removesuffix(ZSTD).endswith(_SUFFIXES)]
+        return sorted(there, key=lambda path: _natural(path.name))
+
+    def _names(self) -> list[str]:
+        """Return what the metadata says of which files there are.
+
+        Raises:
+            DamagedFileError: It is no list of names.
+        """
+        names = self.information.get("relative_file_paths")
+        if names is None:
+            return []
+        if not isinstance(names, list) or not all(isinstance(name, str) and "\0" not in name for name in names):
+            what = f"relative_file_paths is no list of names of files: {names!r}"
+            raise DamagedFileError(self.path / METADATA, 0, what)
+        return names
 
     def _named(self, name: str) -> Path:
         """Return a file that the metadata names.
@@ -108,11 +141,15 @@ class FolderBag:
             raise EncodingError(f"{path}: its messages are compressed by {kind!r}; only zstd is known here")
         found: dict[Channel, None] = {}
         self.count = 0
+        self._closed_files: dict[Path, Exception] = {}
+        """Files that cannot be opened, which are left out."""
         try:
             for file in self.files():
                 found.update(dict.fromkeys(file.channels.values()))
                 self.count += file.count
                 self._look(file)
+            self._name_closed_files()
+            self.folder.warn_of_unnamed()
         except BaseException:
             self.close()
             raise
@@ -121,18 +158,43 @@ class FolderBag:
     def files(self) -> Iterator[BagFile]:
         """Open the files one after the other; each is closed when the next one is asked for."""
         for path in self.folder.files:
-            name = path.name.removesuffix(ZSTD)
-            whole = self._decompressed(path) if path.name.endswith(ZSTD) else path
-            open_file: Callable[..., BagFile] = SqliteBag
-            if name.endswith(".mcap"):
-                open_file = partial(McapBag, limits=self._limits)
-            file = open_file(whole, is_packed=self._mode == "message", salvages=self._salvages)
+            if path in self._closed_files:
+                continue
+            try:
+                file = self._open(path)
+            except (DamagedFileError, OSError) as error:
+                if not self._salvages:
+                    raise
+                self._closed_files[path] = error
+                continue
             try:
                 yield file
             finally:
                 file.close()
-            if whole != path:
-                whole.unlink()
+            self._remove_unpacked(path)
+
+    def _open(self, path: Path) -> BagFile:
+        whole = self._decompressed(path) if path.name.endswith(ZSTD) else path
+        open_file: Callable[..., BagFile] = SqliteBag
+        if whole.name.endswith(".mcap"):
+            open_file = partial(McapBag, limits=self._limits)
+        try:
+            return open_file(whole, is_packed=self._mode == "message", salvages=self._salvages)
+        except DamagedFileError as error:
+            self._remove_unpacked(path)
+            raise DamagedFileError(path, error.offset, error.what) from error
+
+    def _remove_unpacked(self, path: Path) -> None:
+        if self._unpacked is not None:
+            (Path(self._unpacked.name) / path.name.removesuffix(ZSTD)).unlink(missing_ok=True)
+
+    def _name_closed_files(self) -> None:
+        """Warn of the files that are left out, or raise if there is no other."""
+        errors = list(self._closed_files.values())
+        if errors and len(errors) == len(self.folder.files):
+            raise errors[0]
+        for error in errors:
+            warnings.warn(f"{error}; the file is left out", ConversionWarning, stacklevel=6)
 
     def close(self) -> None:
         """Remove what was unpacked. May be called twice."""
@@ -152,16 +214,8 @@ class FolderBag:
         self.version = self.version or information.version(inside)
         self._mode = self._mode or str(inside.get("compression_mode") or "").lower()
         self.custom = self.custom or information.custom(inside)
-        if not self._mode and not self.folder.information and self._is_packed(file):
+        if not self._mode and not self.folder.information and starts_as_zstd(file):
             self._mode = "message"
-
-    def _is_packed(self, file: BagFile) -> bool:
-        """Whether messages are compressed one by one, in a folder whose metadata was never written.
-
-        Its first message tells: no CDR message starts as zstd does.
-        """
-        first = next(file.blocks(file.channels.keys()), None) if file.count else None
-        return first is not None and bytes(first.payloads[0][:4]) == _ZSTD_MAGIC
 
     def _decompressed(self, file: Path) -> Path:
         """Return a file's content in a temporary place, which has to hold one at a time."""
@@ -174,6 +228,15 @@ class FolderBag:
         except zstandard.ZstdError as error:
             raise DamagedFileError(file, 0, f"it cannot be decompressed: {error}") from error
         return target
+
+
+def starts_as_zstd(file: BagFile) -> bool:
+    """Whether messages are compressed one by one, in a folder whose metadata was never written.
+
+    Its first message tells: no CDR message starts as zstd does.
+    """
+    first = next(file.blocks(file.channels.keys()), None) if file.count else None
+    return first is not None and bytes(first.payloads[0][:4]) == _ZSTD_MAGIC
 
 
 def _information(path: Path) -> Mapping[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
-from ..errors import ConversionWarning, OptionError, StorageError, UsageError
+from ..errors import ConversionWarning, DamagedFileError, OptionError, StorageError, UsageError
 from ..messages import Channel
 from ..read.decoding import decoding
 from ..read.limits import DEFAULT, Limits
@@ -72,12 +72,23 @@ def read_as_it_is(path: Path) -> list[Path] | None:
     files = folder.files
     if not files or any(file.suffix != ".mcap" for file in files) or folder.information.get("compression_mode"):
         return None
-    bag = bag_mcap.McapBag(files[0], salvages=True)
-    try:
-        is_ours = any(msg.MARK in channel.text for channel in bag.channels.values())
-    finally:
-        bag.close()
-    return None if is_ours else files
+    for file in files:
+        try:
+            bag = bag_mcap.McapBag(file, salvages=True)
+        except DamagedFileError:  # whoever reads it says so, or leaves it out
+            continue
+        try:
+            if any(msg.MARK in channel.text for channel in bag.channels.values()):
+                return None
+            inside = information.lenient(bag.about.get("serialized_metadata", ""))
+            if inside.get("compression_mode") or (not folder.information and bag_folder.starts_as_zstd(bag)):
+                return None
+            if bag.count:
+                break
+        finally:
+            bag.close()
+    folder.warn_of_unnamed()
+    return files
 
 
 def carry(

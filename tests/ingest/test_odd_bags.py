@@ -15,6 +15,7 @@ from mcap.writer import Writer
 
 from ml_dash_mcap.conversion import convert
 from ml_dash_mcap.errors import ConversionWarning, DamagedFileError, MissingRecordingError, StorageError
+from ml_dash_mcap.ingest import rosbag
 from ml_dash_mcap.ingest.bag_sqlite import SqliteBag
 from ml_dash_mcap.recording import Recording
 
@@ -173,3 +174,81 @@ def test_a_packed_message_that_announces_a_huge_size_is_left_out_alone(tmp_path:
     with pytest.warns(ConversionWarning, match=r"at 6 ns .*1099511627776 bytes.*left out"):
         convert(tmp_path / "b", tmp_path / "run", on_damage="skip")
     assert texts(tmp_path / "run") == ["a", "c"]
+
+
+def test_messages_packed_one_by_one_are_unpacked_where_only_the_files_say_so(tmp_path: Path) -> None:
+    pack = zstandard.ZstdCompressor().compress
+    inside = "rosbag2_bagfile_information:\n  compression_mode: MESSAGE\n  compression_format: zstd\n"
+    write_mcap(tmp_path / "b" / "b_0.mcap", [pack(string("a")), pack(string("b"))], inside)
+    write_metadata(tmp_path / "b", "[b_0.mcap]")
+    assert texts(tmp_path / "b") == ["a", "b"]
+    convert(tmp_path / "b", tmp_path / "run")
+    assert texts(tmp_path / "run") == ["a", "b"]
+
+
+def test_packed_messages_that_nobody_announces_are_not_read_as_they_are(tmp_path: Path) -> None:
+    pack = zstandard.ZstdCompressor().compress
+    write_mcap(tmp_path / "b" / "b_0.mcap", [])
+    write_mcap(tmp_path / "b" / "b_1.mcap", [pack(string("a"))])
+    write_mcap(tmp_path / "plain" / "b_0.mcap", [string("a")])
+    assert rosbag.read_as_it_is(tmp_path / "b") is None
+    assert rosbag.read_as_it_is(tmp_path / "plain") == [tmp_path / "plain" / "b_0.mcap"]
+
+
+@pytest.mark.parametrize("name", ["b_0.mcap", "b_1.mcap", "b_1.db3", "b_1.mcap.zstd", "b_1.db3.zstd"])
+@pytest.mark.parametrize(
+    "content", [b"", b"no file of a bag at all, and long enough for a head"], ids=["empty", "broken"]
+)
+def test_a_file_that_cannot_be_opened_is_left_out_where_the_rest_is_wanted(
+    tmp_path: Path, name: str, content: bytes
+) -> None:
+    write_mcap(tmp_path / "b" / ("b_1.mcap" if name == "b_0.mcap" else "b_0.mcap"), [string("a")])
+    (tmp_path / "b" / name).write_bytes(content)
+    with pytest.raises(DamagedFileError, match=str(tmp_path / "b" / name)):
+        convert(tmp_path / "b", tmp_path / "raised")
+    with pytest.warns(ConversionWarning, match=f"{tmp_path / 'b' / name}.*; the file is left out"):
+        convert(tmp_path / "b", tmp_path / "run", on_damage="skip")
+    assert texts(tmp_path / "run") == ["a"]
+
+
+def test_the_only_file_of_a_bag_is_not_left_out(tmp_path: Path) -> None:
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "b_0.db3").write_bytes(b"")
+    with pytest.raises(DamagedFileError, match=r"b_0\.db3"):
+        convert(tmp_path / "b", tmp_path / "run", on_damage="skip")
+
+
+def write_metadata(folder: Path, names: str) -> None:
+    text = f"rosbag2_bagfile_information:\n  version: 5\n  relative_file_paths: {names}\n"
+    (folder / "metadata.yaml").write_text(text)
+
+
+@pytest.mark.parametrize("names", ["[b_0.mcap, b_0.mcap]", "[b/b_0.mcap, b_0.mcap]"])
+def test_a_file_that_the_metadata_name_twice_is_read_once(tmp_path: Path, names: str) -> None:
+    write_mcap(tmp_path / "b" / "b_0.mcap", [string("a")])
+    write_metadata(tmp_path / "b", names)
+    assert texts(tmp_path / "b") == ["a"]
+    convert(tmp_path / "b", tmp_path / "run")
+    assert texts(tmp_path / "run") == ["a"]
+
+
+@pytest.mark.parametrize(
+    "names", ["5", "b_0.mcap", "[1]", "[null]", "{a: 1}", "[[b_0.mcap]]", r'["a\0b"]', "false", "''"]
+)
+def test_metadata_that_list_no_names_are_named(tmp_path: Path, names: str) -> None:
+    write_mcap(tmp_path / "b" / "b_0.mcap", [string("a")])
+    write_metadata(tmp_path / "b", names)
+    with pytest.raises(DamagedFileError, match=r"metadata\.yaml.*relative_file_paths"):
+        Recording(tmp_path / "b")
+    with pytest.raises(DamagedFileError, match=r"metadata\.yaml.*relative_file_paths"):
+        convert(tmp_path / "b", tmp_path / "run")
+
+
+def test_files_that_the_metadata_do_not_name_are_named_in_a_warning(tmp_path: Path) -> None:
+    for number in range(3):
+        write_mcap(tmp_path / "b" / f"b_{number}.mcap", [string(f"{number}")])
+    write_metadata(tmp_path / "b", "[b_1.mcap]")
+    with pytest.warns(ConversionWarning, match=r"does not name b_0\.mcap, b_2\.mcap; .* not read"):
+        assert texts(tmp_path / "b") == ["1"]
+    with pytest.warns(ConversionWarning, match=r"does not name b_0\.mcap, b_2\.mcap; .* not read"):
+        convert(tmp_path / "b", tmp_path / "run")
