@@ -212,6 +212,8 @@ class FolderBag:
         inside = information.lenient(text)
         self.distro = self.distro or distro or str(inside.get("ros_distro") or "")
         self.version = self.version or information.version(inside)
+        if isinstance(file, McapBag) and file.is_carried:
+            inside = {name: value for name, value in inside.items() if name != "compression_mode"}
         self._mode = self._mode or str(inside.get("compression_mode") or "").lower()
         self.custom = self.custom or information.custom(inside)
         if not self._mode and not self.folder.information and starts_as_zstd(file):

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from ..errors import DamagedFileError
+from ..layout import BAG_RECORD
 from ..messages import Channel, MessageBlock
 from ..read import stored
 from ..read.file import File
@@ -69,6 +70,11 @@ class McapBag:
     def about(self) -> Mapping[str, str]:
         """What rosbag2 says of the file in its metadata record; nothing where there is none."""
         return next((one.values for one in self.file.metadata() if one.name == information.RECORD), {})
+
+    @property
+    def is_carried(self) -> bool:
+        """Whether a recording was made of a bag as this file: its messages are unpacked, whatever `about` says."""
+        return any(one.name == BAG_RECORD for one in self.file.metadata())
 
     def blocks(self, wanted: Collection[int]) -> Iterator[MessageBlock]:
         """Yield the messages of some channels, in the order of the file.

@@ -81,7 +81,8 @@ def read_as_it_is(path: Path) -> list[Path] | None:
             if any(msg.MARK in channel.text for channel in bag.channels.values()):
                 return None
             inside = information.lenient(bag.about.get("serialized_metadata", ""))
-            if inside.get("compression_mode") or (not folder.information and bag_folder.starts_as_zstd(bag)):
+            is_packed = inside.get("compression_mode") and not bag.is_carried
+            if is_packed or (not folder.information and bag_folder.starts_as_zstd(bag)):
                 return None
             if bag.count:
                 break

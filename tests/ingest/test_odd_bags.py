@@ -184,6 +184,8 @@ def test_messages_packed_one_by_one_are_unpacked_where_only_the_files_say_so(tmp
     assert texts(tmp_path / "b") == ["a", "b"]
     convert(tmp_path / "b", tmp_path / "run")
     assert texts(tmp_path / "run") == ["a", "b"]
+    convert(tmp_path / "run", tmp_path / "again")  # its file repeats the record, and its messages are unpacked
+    assert texts(tmp_path / "again") == ["a", "b"]
 
 
 def test_packed_messages_that_nobody_announces_are_not_read_as_they_are(tmp_path: Path) -> None:
