@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import os
 import struct
+import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +14,7 @@ import lz4.frame
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import DamagedFileError
+from ..errors import ConversionWarning, DamagedFileError
 from ..messages import Channel, MessageBlock, Payload
 
 MAGIC = b"#ROSBAG V"
@@ -95,7 +96,11 @@ class Ros1File:
         self._salvages = salvages
         self._file = path.open("rb")
         self.channels: dict[int, Channel] = {}
-        """All connections, by their numbers."""
+        """All connections, numbered from 1 on; a bag may number them as it likes, up to 2**32."""
+        self._numbers: dict[int, int] = {}
+        """The bag's numbers of connections, to ours."""
+        self._refused: set[int] = set()
+        """Connections that cannot be read, and whose messages stay behind."""
         self._chunks: list[_Chunk] = []
         try:
             self._size = os.fstat(self._file.fileno()).st_size
@@ -160,43 +165,97 @@ class Ros1File:
         self._file.seek(place)
         for _ in range(connections):
             fields, data = self._record(_CONNECTION)
-            self.channels[_number(fields, "conn", 4)] = _channel(fields, _parsed(data))
+            self._connect(fields, data)
+        known = {conn for conn, number in self._numbers.items() if number in self.channels} | self._refused
         for _ in range(chunks):
             fields, data = self._record(_CHUNK_INFO)
+            place = _number(fields, "chunk_pos", 8)
             pairs = np.frombuffer(data[: len(data) // 8 * 8], "<u4").reshape(-1, 2).tolist()
-            self._chunks.append(_Chunk(_number(fields, "chunk_pos", 8), dict(pairs)))
+            counts = {self._ours(conn): count for conn, count in pairs}
+            if len(data) % 8 or not len(counts) == len(pairs) == _number(fields, "count", 4):
+                raise _BrokenError(f"what its index says of the chunk at byte {place} contradicts itself")
+            if not known.issuperset(conn for conn, _ in pairs):
+                raise _BrokenError(f"its index names a connection of the chunk at byte {place} that it does not have")
+            self._chunks.append(_Chunk(place, counts))
+
+    def _ours(self, conn: int) -> int:
+        return self._numbers.setdefault(conn, len(self._numbers) + 1)
+
+    def _connect(self, fields: Fields, data: bytes) -> None:
+        """Take in a connection, unless it is known."""
+        conn = _number(fields, "conn", 4)
+        number = self._ours(conn)
+        if number in self.channels or conn in self._refused:
+            return
+        try:
+            said = _parsed(data)
+            self.channels[number] = _channel(fields, said)
+        except _BrokenError as error:
+            if not self._salvages:
+                raise
+            self._refused.add(conn)
+            loss = f"{self._path}: connection {conn} cannot be read: {error}"
+            if loss not in self.losses:
+                self.losses.append(loss)
+            return
+        odd = [name for name, value in said.items() if name != "message_definition" and not _is_text(value)]
+        if odd or not _is_text(fields["topic"]):
+            which = ", ".join(map(repr, dict.fromkeys([*odd, *(() if _is_text(fields["topic"]) else ("topic",))])))
+            warnings.warn(
+                f"{self._path}: connection {conn}, of topic {self.channels[number].topic!r}, says what is no UTF-8 in "
+                f"{which}; bytes that are no text have become U+FFFD",
+                ConversionWarning,
+                stacklevel=2,
+            )
 
     def _walk(self) -> None:
-        """Find chunks and connections without the index, up to where the file is cut."""
-        self.channels.clear()
-        self._chunks.clear()
+        """Find chunks and connections without the index, up to where the file is cut.
+
+        A chunk with broken content costs nothing behind it: its record says where the next one starts.
+        """
+        for found in (self.channels, self._numbers, self._refused, self._chunks):
+            found.clear()
         self._file.seek(len(MAGIC) + len(_VERSION))
         while (place := self._file.tell()) < self._size:
             try:
                 fields, data = self._record(None)
-                if fields.get("op") == bytes([_CHUNK]):
-                    content = _unpacked(data, _field(fields, "compression"), _number(fields, "size", 4))
-                    _, owners, _ = self._walked(content)
-                    numbers, counts = np.unique(owners, return_counts=True)
-                    found = zip(numbers.tolist(), counts.tolist(), strict=True)
-                    self._chunks.append(_Chunk(place, dict(found)))
-            except (_BrokenError, ValueError, OverflowError) as error:
+            except _BrokenError as error:
                 self.losses.append(f"{self._path}, byte {place}: {error}")
                 return
+            try:
+                if fields.get("op") == bytes([_CONNECTION]):
+                    self._connect(fields, data)
+                elif fields.get("op") == bytes([_CHUNK]):
+                    content = _unpacked(data, _field(fields, "compression"), _number(fields, "size", 4))
+                    _, owners, _ = self._walked(content, place)
+                    numbers, counts = np.unique(np.array(owners, np.int64), return_counts=True)
+                    self._chunks.append(_Chunk(place, dict(zip(numbers.tolist(), counts.tolist(), strict=True))))
+            except (_BrokenError, ValueError, OverflowError) as error:
+                self.losses.append(f"{self._path}, byte {place}: {error}")
 
-    def _walked(self, content: bytes) -> tuple[list[int], list[int], list[int]]:
-        """Walk a chunk's records: the times (ns), connections and places of its messages. Takes in its connections."""
+    def _walked(self, content: bytes, place: int) -> tuple[list[int], list[int], list[int]]:
+        """Walk a chunk's records: the times (ns), connections and places of its messages. Takes in its connections.
+
+        What lies behind a record that is broken is noted as lost, and left out.
+        """
         times, owners, places = [], [], []
         at = 0
         while at < len(content):
-            fields, data, end = _record_at(content, at)
-            if fields.get("op") == bytes([_CONNECTION]):
-                self.channels.setdefault(_number(fields, "conn", 4), _channel(fields, _parsed(data)))
-            elif fields.get("op") == bytes([_MESSAGE]):
-                sec, nsec = struct.unpack("<II", _field(fields, "time", 8))
-                times.append(sec * 1_000_000_000 + nsec)
-                owners.append(_number(fields, "conn", 4))
-                places.append(at)
+            try:
+                fields, data, end = _record_at(content, at)
+                if fields.get("op") == bytes([_CONNECTION]):
+                    self._connect(fields, data)
+                elif fields.get("op") == bytes([_MESSAGE]):
+                    sec, nsec = struct.unpack("<II", _field(fields, "time", 8))
+                    owner = self._ours(_number(fields, "conn", 4))
+                    times.append(sec * 1_000_000_000 + nsec)
+                    owners.append(owner)
+                    places.append(at)
+            except _BrokenError as error:
+                loss = f"{self._path}, byte {place}: in this chunk, {error}, and what lies behind it"
+                if loss not in self.losses:  # a chunk is walked again when it is read
+                    self.losses.append(loss)
+                break
             at = end
         return times, owners, places
 
@@ -206,6 +265,12 @@ class Ros1File:
         if op is not None and fields.get("op") != bytes([op]):
             raise _BrokenError(f"a record before byte {self._file.tell()} is not what the index says")
         return fields, self._sized(_RECORD_BYTES)
+
+    def _has_more(self, op: int) -> bool:
+        """Whether the next record, which is not read, is of a kind."""
+        if self._size - self._file.tell() < 8:
+            return False
+        return _parsed(self._sized(_HEADER_BYTES)).get("op") == bytes([op])
 
     def _sized(self, most: int) -> bytes:
         head = self._file.read(4)
@@ -222,31 +287,41 @@ class Ros1File:
         fields, packed = self._record(_CHUNK)
         data = _unpacked(packed, _field(fields, "compression"), _number(fields, "size", 4))
         try:
-            times, owners, places = self._indexed(chunk)
+            return _picked(data, *self._indexed(chunk), wanted)
         except _BrokenError:
             if not self._salvages:
                 raise
-            walked = self._walked(data)
-            times, owners, places = (np.array(one, np.int64) for one in walked)
-        chosen = np.isin(owners, list(wanted))
-        order = np.flatnonzero(chosen)[np.argsort(places[chosen], kind="stable")]
-        times_ns = times[order].astype(np.uint64)
-        payloads = _payloads(data, places[order])
-        return MessageBlock(owners[order], times_ns, times_ns, np.zeros(len(order), np.uint32), payloads)
+        times, owners, places = (np.array(one, np.int64) for one in self._walked(data, chunk.place))
+        return _picked(data, times, owners, places, wanted)
 
     def _indexed(self, chunk: _Chunk) -> tuple[Numbers, Numbers, Numbers]:
         """Read the indexes that lie behind a chunk: times (ns), connections and places of its messages."""
         found, owners = [], []
         for _ in chunk.counts:
             fields, entries = self._record(_INDEX)
-            found.append(np.frombuffer(entries[: len(entries) // _ENTRY.itemsize * _ENTRY.itemsize], _ENTRY))
-            number = _number(fields, "conn", 4)
+            conn = _number(fields, "conn", 4)
+            number = self._ours(conn)
             if number not in self.channels:
-                raise _BrokenError(f"it has messages of connection {number}, which is not in the bag's index")
+                raise _BrokenError(f"it has messages of connection {conn}, which is not in the bag's index")
+            count = len(entries) // _ENTRY.itemsize
+            if len(entries) % _ENTRY.itemsize or not count == _number(fields, "count", 4) == chunk.counts.get(number):
+                raise _BrokenError(f"the indexes do not agree how many messages of connection {conn} it has")
+            found.append(np.frombuffer(entries, _ENTRY))
             owners.append(number)
+        if len(set(owners)) < len(owners) or self._has_more(_INDEX):
+            raise _BrokenError("the indexes do not agree which connections it has messages of")
         whole = np.concatenate([np.zeros(0, _ENTRY), *found])
         times: Numbers = whole["sec"].astype(np.int64) * 1_000_000_000 + whole["nsec"]
         return times, np.repeat(np.array(owners, np.int64), list(map(len, found))), whole["offset"].astype(np.int64)
+
+
+def _picked(data: bytes, times: Numbers, owners: Numbers, places: Numbers, wanted: Collection[int]) -> MessageBlock:
+    """Return the messages of some connections in a chunk, in the order in which they lie there."""
+    chosen = np.isin(owners, list(wanted))
+    order = np.flatnonzero(chosen)[np.argsort(places[chosen], kind="stable")]
+    times_ns = times[order].astype(np.uint64)
+    payloads = _payloads(data, places[order])
+    return MessageBlock(owners[order], times_ns, times_ns, np.zeros(len(order), np.uint32), payloads)
 
 
 def _record_at(data: bytes, at: int) -> tuple[Fields, bytes, int]:
@@ -354,7 +429,7 @@ def _parsed(data: bytes) -> dict[str, bytes]:
         at += 4 + size
         if at > len(data) or not separator:
             raise _BrokenError("a record's header is broken")
-        fields[name.decode("ascii", "replace")] = value
+        fields[_lenient(name)] = value
     return fields
 
 
@@ -370,7 +445,12 @@ def _number(fields: Fields, name: str, size: int) -> int:
 
 
 def _text(fields: Fields, name: str) -> str:
+    return _lenient(_field(fields, name))
+
+
+def _is_text(value: bytes) -> bool:
     try:
-        return _field(fields, name).decode()
-    except UnicodeDecodeError as error:
-        raise _BrokenError(f"a connection's {name!r} is no UTF-8") from error
+        value.decode()
+    except UnicodeDecodeError:
+        return False
+    return True

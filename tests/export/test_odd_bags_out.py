@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import bz2
 import sqlite3
+import struct
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from ruamel.yaml import YAML
 
 from ml_dash_mcap import Recording, convert
-from ml_dash_mcap.errors import ConversionError, ConversionWarning
+from ml_dash_mcap.errors import ConversionError, ConversionWarning, DamagedFileError
 from tests.support import system_python
 
 NOETIC = get_typestore(Stores.ROS1_NOETIC)
@@ -198,3 +200,185 @@ def test_elements_are_only_said_to_be_cut_off_where_they_are(tmp_path: Path, siz
     with Ros2Reader(tmp_path / "out") as reader:
         found = [JAZZY.deserialize_cdr(data, name).dimensions.tolist() for _, _, data in reader.messages()]
     assert found == [[0.0, 1.0, 2.0]] * len(sizes)
+
+
+# -- ROS 1 bags with odd parts, in and out -----------------------------------------------------------------------------
+
+STRING = {"type": b"std_msgs/String", "md5sum": STRING_MD5.encode(), "message_definition": b"string data\n"}
+
+
+def u32(*values: int) -> bytes:
+    return struct.pack(f"<{len(values)}I", *values)
+
+
+def fields(said: Mapping[str, bytes]) -> bytes:
+    whole = [name.encode() + b"=" + value for name, value in said.items()]
+    return b"".join(u32(len(one)) + one for one in whole)
+
+
+def record(op: int, data: bytes, **said: bytes) -> bytes:
+    head = fields({"op": bytes([op]), **said})
+    return u32(len(head)) + head + u32(len(data)) + data
+
+
+def connection(number: int, topic: bytes, **said: bytes) -> bytes:
+    return record(7, fields({"topic": topic, **STRING, **said}), conn=u32(number), topic=topic)
+
+
+def chunk(
+    connections: Mapping[int, bytes],
+    messages: Sequence[tuple[int, str]],
+    *,
+    compression: str = "none",
+    harm: bool = False,
+    counted: int = 0,
+) -> tuple[bytes, list[tuple[int, int]]]:
+    """Return a chunk with its indexes, and how many messages it has of which connections.
+
+    Args:
+        connections: To introduce.
+        messages: Connections and texts.
+        compression: "none" or "bz2".
+        harm: Whether its content is broken.
+        counted: What its indexes say too much.
+    """
+    content, places = b"".join(connections.values()), dict[int, list[tuple[int, int]]]()
+    for time, (number, text) in enumerate(messages):
+        places.setdefault(number, []).append((time, len(content)))
+        content += record(2, u32(len(text)) + text.encode(), conn=u32(number), time=u32(1, time))
+    packed = bz2.compress(content) if compression == "bz2" else content
+    if harm:
+        packed = b"\xff" * 30 + packed[30:]
+    out = record(5, packed, compression=compression.encode(), size=u32(len(content)))
+    for number, those in places.items():
+        entries = b"".join(u32(1, time, place) for time, place in those)
+        out += record(4, entries, ver=u32(1), conn=u32(number), count=u32(len(those) + counted))
+    return out, [(number, len(those)) for number, those in places.items()]
+
+
+def bag(
+    path: Path,
+    connections: Mapping[int, bytes],
+    chunks: Sequence[tuple[bytes, list[tuple[int, int]]]],
+    *,
+    has_index: bool = True,
+    counted: int = 0,
+) -> Path:
+    """Write a bag; `counted` is what its index of chunks says too much of their connections."""
+    out, infos = b"", b""
+    for data, pairs in chunks:
+        at = {"chunk_pos": struct.pack("<Q", 4109 + len(out)), "start_time": u32(1, 0), "end_time": u32(1, 9)}
+        counts = b"".join(u32(*pair) for pair in pairs)
+        infos += record(6, counts, ver=u32(1), count=u32(len(pairs) + counted), **at)
+        out += data
+    about = {"conn_count": u32(len(connections)), "chunk_count": u32(len(chunks))} if has_index else None
+    place = struct.pack("<Q", 4109 + len(out) if has_index else 0)
+    head = fields({"op": b"\3", "index_pos": place, **(about or {"conn_count": u32(0), "chunk_count": u32(0)})})
+    padding = 4096 - 8 - len(head)
+    start = b"#ROSBAG V2.0\n" + u32(len(head)) + head + u32(padding) + b" " * padding
+    path.write_bytes(start + out + (b"".join(connections.values()) + infos if has_index else b""))
+    return path
+
+
+def texts(recording: Path) -> dict[str, list[str]]:
+    with Recording(recording) as opened:
+        return {topic: [row["data"] for row in opened[topic].rows()] for topic in opened}
+
+
+def back(recording: Path, dest: Path) -> Path:
+    with Recording(recording) as opened:
+        opened.export(dest, format="rosbag1")
+    return dest
+
+
+def test_all_fields_of_a_connections_header_come_back(tmp_path: Path) -> None:
+    said = {"callerid": b"/n", "latching": b"1", "tcp_nodelay": b"1", "x": b"", "\u00fc": b"a=b"}
+    connections = {0: connection(0, b"/s", **said)}
+    bag(tmp_path / "in.bag", connections, [chunk(connections, [(0, "a")])])
+    convert(tmp_path / "in.bag", tmp_path / "run")
+    there, here = (
+        ros1(path, "read_raw_bag.py") for path in (tmp_path / "in.bag", back(tmp_path / "run", tmp_path / "out.bag"))
+    )
+    assert here == there
+    assert {"tcp_nodelay", "x", "\u00fc"} < {name for name, _ in here["connections"][0]}
+
+
+@pytest.mark.parametrize("on_damage", ["raise", "skip"])
+def test_what_is_no_utf_8_in_a_connection_costs_nothing_and_is_said(tmp_path: Path, on_damage: str) -> None:
+    connections = {0: connection(0, b"/s", callerid=b"/n\xff"), 1: connection(1, b"/\xfe"), 2: connection(2, b"/t")}
+    bag(tmp_path / "in.bag", connections, [chunk(connections, [(0, "a"), (1, "b"), (2, "c")])])
+    with pytest.warns(ConversionWarning) as caught:
+        convert(tmp_path / "in.bag", tmp_path / "run", on_damage=on_damage)
+    said = [str(one.message) for one in caught]
+    assert len(said) == 2
+    assert "'callerid'" in said[0] and "'topic'" in said[1] and all("U+FFFD" in one for one in said)
+    assert texts(tmp_path / "run") == {"/s": ["a"], "/\ufffd": ["b"], "/t": ["c"]}
+    back(tmp_path / "run", tmp_path / "out.bag")
+    with Ros1Reader(tmp_path / "out.bag") as reader:
+        assert [bytes(data)[4:] for _, _, data in reader.messages()] == [b"a", b"b", b"c"]
+
+
+def test_a_connection_that_cannot_be_read_costs_its_own_messages(tmp_path: Path) -> None:
+    broken = record(7, u32(99) + b"topic=/b", conn=u32(1), topic=b"/b")
+    connections = {0: connection(0, b"/s"), 1: broken}
+    bag(tmp_path / "in.bag", connections, [chunk(connections, [(0, "a"), (1, "b"), (0, "c")])])
+    with pytest.raises(DamagedFileError, match="header is broken"):
+        convert(tmp_path / "in.bag", tmp_path / "no")
+    with pytest.warns(ConversionWarning, match="connection 1 cannot be read"):
+        convert(tmp_path / "in.bag", tmp_path / "run", on_damage="skip")
+    assert texts(tmp_path / "run") == {"/s": ["a", "c"]}
+
+
+@pytest.mark.parametrize("compression", ["none", "bz2"])
+def test_a_bad_chunk_of_a_bag_without_an_index_costs_no_other(tmp_path: Path, compression: str) -> None:
+    connections = {0: connection(0, b"/s")}
+    parts = [
+        chunk(connections if number == 0 else {}, [(0, f"m{number}")], compression=compression, harm=number == 1)
+        for number in range(3)
+    ]
+    bag(tmp_path / "in.bag", connections, parts, has_index=False)
+    with pytest.warns(ConversionWarning) as caught:
+        convert(tmp_path / "in.bag", tmp_path / "run", on_damage="skip")
+    assert sum(f"byte {4109 + len(parts[0][0])}:" in str(one.message) for one in caught) == 1
+    assert texts(tmp_path / "run") == {"/s": ["m0", "m2"]}
+
+
+@pytest.mark.parametrize("where", ["chunks", "messages"])
+@pytest.mark.parametrize("counted", [-1, 1])
+def test_an_index_that_contradicts_itself_costs_no_message(tmp_path: Path, where: str, counted: int) -> None:
+    connections = {0: connection(0, b"/s"), 1: connection(1, b"/t")}
+    part = chunk(connections, [(0, "a"), (1, "b"), (0, "c")], counted=counted if where == "messages" else 0)
+    bag(tmp_path / "in.bag", connections, [part], counted=counted if where == "chunks" else 0)
+    with pytest.raises(DamagedFileError, match=r"contradicts itself|do not agree"):
+        convert(tmp_path / "in.bag", tmp_path / "no")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConversionWarning)
+        convert(tmp_path / "in.bag", tmp_path / "run", on_damage="skip")
+    assert texts(tmp_path / "run") == {"/s": ["a", "c"], "/t": ["b"]}
+
+
+@pytest.mark.parametrize("pairs", [[(0, 2)], [(0, 1), (1, 1)], [(0, 2), (7, 1)]])
+def test_an_index_of_chunks_that_their_own_indexes_contradict_costs_no_message(
+    tmp_path: Path, pairs: list[tuple[int, int]]
+) -> None:
+    connections = {0: connection(0, b"/s"), 1: connection(1, b"/t")}
+    data, _ = chunk(connections, [(0, "a"), (1, "b"), (0, "c")])
+    bag(tmp_path / "in.bag", connections, [(data, pairs)])
+    with pytest.raises(DamagedFileError):
+        convert(tmp_path / "in.bag", tmp_path / "no")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConversionWarning)
+        convert(tmp_path / "in.bag", tmp_path / "run", on_damage="skip")
+    assert texts(tmp_path / "run") == {"/s": ["a", "c"], "/t": ["b"]}
+
+
+def test_connections_may_have_any_numbers(tmp_path: Path) -> None:
+    connections = {0: connection(0, b"/s"), 4_000_000_000: connection(4_000_000_000, b"/big")}
+    bag(tmp_path / "in.bag", connections, [chunk(connections, [(0, "a"), (4_000_000_000, "b")])])
+    convert(tmp_path / "in.bag", tmp_path / "run")
+    assert texts(tmp_path / "run") == {"/s": ["a"], "/big": ["b"]}
+    messages = [
+        ros1(path, "read_raw_bag.py")["messages"]
+        for path in (tmp_path / "in.bag", back(tmp_path / "run", tmp_path / "out.bag"))
+    ]
+    assert messages[0] == messages[1]
