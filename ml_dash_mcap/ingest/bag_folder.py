@@ -179,7 +179,7 @@ class FolderBag:
         if whole.name.endswith(".mcap"):
             open_file = partial(McapBag, limits=self._limits)
         try:
-            return open_file(whole, is_packed=self._mode == "message", salvages=self._salvages)
+            return open_file(whole, is_packed=self._mode == "message", salvages=self._salvages, shown=path)
         except DamagedFileError as error:
             self._remove_unpacked(path)
             raise DamagedFileError(path, error.offset, error.what) from error

@@ -21,7 +21,13 @@ class McapBag:
     """An opened file."""
 
     def __init__(
-        self, path: Path, *, is_packed: bool = False, salvages: bool = False, limits: Limits = DEFAULT
+        self,
+        path: Path,
+        *,
+        is_packed: bool = False,
+        salvages: bool = False,
+        limits: Limits = DEFAULT,
+        shown: Path | None = None,
     ) -> None:
         """Open a file.
 
@@ -30,6 +36,7 @@ class McapBag:
             is_packed: Whether each message is compressed by zstd.
             salvages: Whether to leave out what is damaged, and note it in `losses`.
             limits: For what is read of it.
+            shown: What to call the file in `losses` and `corrections`; None for `path`.
 
         Raises:
             DamagedFileError: It is no MCAP file, or cut, or broken.
@@ -37,6 +44,7 @@ class McapBag:
         self.name = path.name
         self.is_packed = is_packed
         self._salvages = salvages
+        self._shown = shown or path
         self._lost: list[str] = []
         self.file = File(path, limits, salvages=salvages)
         index = self.file.index
@@ -59,12 +67,12 @@ class McapBag:
     @property
     def losses(self) -> list[str]:
         """What was left out so far, in words."""
-        return [str(loss) for loss in self.file.losses if not loss.corrected] + self._lost
+        return [self._named(loss) for loss in self.file.losses if not loss.corrected] + self._lost
 
     @property
     def corrections(self) -> list[str]:
         """What the file says wrongly of itself, in words; nothing is lost by it."""
-        return [str(loss) for loss in self.file.losses if loss.corrected]
+        return [self._named(loss) for loss in self.file.losses if loss.corrected]
 
     @property
     def about(self) -> Mapping[str, str]:
@@ -83,7 +91,10 @@ class McapBag:
             DamagedFileError: The file is damaged further on.
         """
         for block in stored.joined(stored.blocks(self.file, wanted), stored.CHUNK_BYTES):
-            yield unpacked(block, self.file.path, self._lost if self._salvages else None) if self.is_packed else block
+            yield unpacked(block, self._shown, self._lost if self._salvages else None) if self.is_packed else block
+
+    def _named(self, loss: object) -> str:
+        return str(loss).replace(str(self.file.path), str(self._shown))
 
     def close(self) -> None:
         """Close the file. May be called twice."""

@@ -30,13 +30,16 @@ _BLOCK_MESSAGES = 8192
 class SqliteBag:
     """An opened file. What a crash left beside it is taken in, in a copy: the bag stays as it is."""
 
-    def __init__(self, path: Path, *, is_packed: bool = False, salvages: bool = False) -> None:
+    def __init__(
+        self, path: Path, *, is_packed: bool = False, salvages: bool = False, shown: Path | None = None
+    ) -> None:
         """Open a file.
 
         Args:
             path: Of the file.
             is_packed: Whether each message is compressed by zstd.
             salvages: Whether to leave out what cannot be read on, and note it in `losses`.
+            shown: What to call the file in errors; None for `path`.
 
         Raises:
             DamagedFileError: It is no SQLite file, is cut, or has not the tables of a bag.
@@ -45,7 +48,7 @@ class SqliteBag:
         _check_is_readable(path)
         self.name = path.name
         self.losses: list[str] = []
-        self._path = path
+        self._path = shown or path
         self._is_packed = is_packed
         self._salvages = salvages
         self._numbers: dict[Any, int] = {}

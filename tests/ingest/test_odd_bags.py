@@ -254,3 +254,24 @@ def test_files_that_the_metadata_do_not_name_are_named_in_a_warning(tmp_path: Pa
         assert texts(tmp_path / "b") == ["1"]
     with pytest.warns(ConversionWarning, match=r"does not name b_0\.mcap, b_2\.mcap; .* not read"):
         convert(tmp_path / "b", tmp_path / "run")
+
+
+def test_what_is_lost_of_a_packed_file_is_told_by_the_name_of_that_file(tmp_path: Path) -> None:
+    path = write_db(tmp_path / "b" / "b_0.db3", [(1, 5, string("a")), (9, 6, string("b"))])
+    packed = path.with_name("b_0.db3.zstd")
+    packed.write_bytes(zstandard.ZstdCompressor().compress(path.read_bytes()))
+    path.unlink()
+    with pytest.warns(ConversionWarning, match=f"^{packed}: a message is on topic 9"):
+        convert(tmp_path / "b", tmp_path / "run", on_damage="skip")
+    with pytest.raises(DamagedFileError, match=f"^{packed}, "):
+        convert(tmp_path / "b", tmp_path / "raised")
+
+
+def test_what_is_lost_of_a_packed_mcap_file_is_told_by_the_name_of_that_file(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / "b" / "b_0.mcap", [string("a")])
+    packed = path.with_name("b_0.mcap.zstd")
+    packed.write_bytes(zstandard.ZstdCompressor().compress(path.read_bytes()[:-20]))  # without its end
+    path.unlink()
+    with pytest.warns(ConversionWarning, match=f"^{packed}"):
+        convert(tmp_path / "b", tmp_path / "run", on_damage="skip")
+    assert texts(tmp_path / "run") == ["a"]
