@@ -32,6 +32,10 @@ class BagFile(Protocol):
     def losses(self) -> list[str]:
         """What was left out so far because it is damaged, in words."""
 
+    @property
+    def corrections(self) -> list[str]:
+        """What the file says wrongly of itself, in words; nothing is lost by it."""
+
     def blocks(self, wanted: Collection[int]) -> Iterator[MessageBlock]:
         """Yield the messages of some channels, in the order in which the file has them.
 

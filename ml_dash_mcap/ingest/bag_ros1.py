@@ -92,6 +92,8 @@ class Ros1File:
         """
         self.name = path.name
         self.losses: list[str] = []
+        self.corrections: list[str] = []
+        """What the bag says wrongly of itself, in words; nothing is lost by it."""
         self._path = path
         self._salvages = salvages
         self._file = path.open("rb")
@@ -110,7 +112,7 @@ class Ros1File:
             except _BrokenError as error:
                 if not salvages:
                     raise
-                self.losses.append(f"{path}: {error}; its records were walked")
+                self.corrections.append(f"{path}: {error}; its records were walked")
                 self._walk()
         except _BrokenError as error:
             self.close()

@@ -48,6 +48,7 @@ class SqliteBag:
         _check_is_readable(path)
         self.name = path.name
         self.losses: list[str] = []
+        self.corrections: list[str] = []
         self._path = shown or path
         self._is_packed = is_packed
         self._salvages = salvages

@@ -231,7 +231,7 @@ class _Conversion:
                     warnings.warn(f"{loss}; it is left out", ConversionWarning, stacklevel=5)
                 if intake is not None:
                     intake.losses.clear()
-                for correction in file.corrections if isinstance(file, bag_mcap.McapBag) else ():
+                for correction in file.corrections:
                     warnings.warn(f"{correction}; nothing is lost by it", ConversionWarning, stacklevel=5)
         if self._progress is not None and self._done < self._bag.count:  # some were not wanted
             self._progress(self._bag.count, self._bag.count)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 import sqlite3
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -354,6 +355,12 @@ def test_any_damage_to_a_ros_1_bag_is_no_other_error(
 
 
 def read_blocks(path: Path, **options: Any) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConversionWarning)  # names that are no UTF-8 are told
+        _read_blocks(path, **options)
+
+
+def _read_blocks(path: Path, **options: Any) -> None:
     with contextlib.closing(Ros1File(path, **options)) as bag:
         for block in bag.blocks(bag.channels):
             columns = (block.channels, block.times_ns, block.published_ns, block.sequences, block.payloads)
