@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from dataclasses import replace
 
@@ -11,10 +10,7 @@ from ..messages import Channel
 from ..read.decode import DIGEST_KEYS
 from ..read.decoding import Decoding
 from ..ros.distros import Likely
-from ..ros.message_types import canonical
-from ..ros.supply import Supply, is_idl
-
-_SECTION = re.compile(r"^(?:MSG|IDL): *(\S+)", re.MULTILINE)
+from ..ros.supply import Supply, complete
 
 
 class Types:
@@ -29,7 +25,6 @@ class Types:
         """
         self.decoding = decoding
         self.likely = likely
-        self._given = dict(decoding.definitions)
         self._supply = Supply(decoding.definitions)
         self._known: dict[Channel, Channel] = {}
 
@@ -63,17 +58,13 @@ class Types:
         if channel.message_encoding not in ("cdr", "ros1"):
             return channel
         encoding = "ros1msg" if channel.is_ros1 else "ros2msg"
-        given = self._supply.text(channel.type)
-        if given is not None:
-            encoding = "ros2idl" if is_idl(given) else encoding
-            return replace(channel, schema_encoding=encoding, definition=self._completed(channel, given).encode())
+        digest = dict(channel.metadata).get(DIGEST_KEYS[channel.is_ros1], "")
+        if self.decoding.definitions and (channel.definition or self._supply.text(channel.type) is not None):
+            return self._completed(channel, digest)
         if channel.definition:
-            return (
-                replace(channel, definition=self._completed(channel, channel.text).encode()) if self._given else channel
-            )
+            return channel
         from ..ros import stores  # which loads rosbags
 
-        digest = dict(channel.metadata).get(DIGEST_KEYS[channel.is_ros1], "")
         try:
             found = stores.find(channel.type, self.likely, is_ros1=channel.is_ros1, digest=digest)
         except EncodingError:
@@ -88,15 +79,16 @@ class Types:
             )
         return replace(channel, schema_encoding=encoding, definition=found.text.encode())
 
-    def _completed(self, channel: Channel, text: str) -> str:
-        """Return a definition with those of the caller's types that it uses and does not have."""
-        if is_idl(text):
-            return text
-        defined = {canonical(channel.type), *map(canonical, _SECTION.findall(text))}
-        waiting = [name for name in self._given if name not in defined]
-        for name in [*waiting, *waiting]:  # one may use another
-            package, _, last = name.partition("/")
-            if name not in defined and re.search(rf"^\s*({package}/(msg/)?)?{last}\b", text, re.MULTILINE):
-                defined.add(name)
-                text = f"{text.rstrip()}\n{'=' * 80}\nMSG: {name}\n{self._given[name]}"
-        return text
+    def _completed(self, channel: Channel, digest: str) -> Channel:
+        """Return a channel whose definition is the caller's, or has those of the caller's types that it lacks."""
+        supply = replace(self._supply, likely=self.likely, is_ros1=channel.is_ros1, digest=digest)
+        given = self._supply.text(channel.type)
+        try:
+            encoding, text = complete(channel.type, channel.schema_encoding, channel.text, supply)
+        except EncodingError:  # there is one that nobody knows; what there is stays as it is
+            if given is None:
+                return channel
+            encoding, text = "ros1msg" if channel.is_ros1 else "ros2msg", given
+        if given is None and text == channel.text:
+            return channel
+        return replace(channel, schema_encoding=encoding, definition=text.encode())
