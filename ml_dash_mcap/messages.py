@@ -9,6 +9,9 @@ from itertools import chain
 import numpy as np
 import numpy.typing as npt
 
+CHUNK_BYTES = 1 << 20
+"""Chunks have about as many bytes, uncompressed: what viewers like."""
+
 Payload = bytes | memoryview
 
 

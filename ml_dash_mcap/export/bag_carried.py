@@ -13,7 +13,7 @@ import numpy as np
 from .. import clock
 from ..errors import ConversionError, ConversionWarning
 from ..layout import ABOUT_RECORD, BAG_RECORD
-from ..messages import Channel, MessageBlock, Payload
+from ..messages import CHUNK_BYTES, Channel, MessageBlock, Payload
 from ..read import counts, rows, stored
 from ..read.file import File
 from ..read.records import Metadata
@@ -134,7 +134,7 @@ class Carried:
         start_ns, end_ns = rows.to_ns_range(low, high)
         for file, numbers in zip(self._job.files, self._numbers, strict=True):
             if numbers:
-                for block in stored.joined(stored.blocks(file, list(numbers), start_ns, end_ns), stored.CHUNK_BYTES):
+                for block in stored.joined(stored.blocks(file, list(numbers), start_ns, end_ns), CHUNK_BYTES):
                     part = self._prepared(_within(block, low, high), numbers)
                     if len(part):
                         yield part

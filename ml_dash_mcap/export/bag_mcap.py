@@ -12,14 +12,14 @@ import numpy as np
 import numpy.typing as npt
 import zstandard
 
-from ..messages import Channel, MessageBlock
+from ..messages import CHUNK_BYTES, Channel, MessageBlock
 from ..options import RecorderOptions
 from ..read import stored
 from ..read.file import File
 from ..ros.information import RECORD
 from ..write import records
 from ..write.chunk import Chunk, Compressor, compressor
-from ..write.message_file import CHUNK_BYTES, MessageFile, pack
+from ..write.message_file import MessageFile, pack
 from ..write.records import MESSAGE_HEAD
 from .bag_carried import foreign_metadata
 from .bag_plan import Outlet

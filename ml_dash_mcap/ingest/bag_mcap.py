@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..errors import DamagedFileError
 from ..layout import BAG_RECORD
-from ..messages import Channel, MessageBlock
+from ..messages import CHUNK_BYTES, Channel, MessageBlock
 from ..read import stored
 from ..read.file import File
 from ..read.limits import DEFAULT, Limits
@@ -90,7 +90,7 @@ class McapBag:
         Raises:
             DamagedFileError: The file is damaged further on.
         """
-        for block in stored.joined(stored.blocks(self.file, wanted), stored.CHUNK_BYTES):
+        for block in stored.joined(stored.blocks(self.file, wanted), CHUNK_BYTES):
             yield unpacked(block, self._shown, self._lost if self._salvages else None) if self.is_packed else block
 
     def _named(self, loss: object) -> str:

@@ -16,9 +16,6 @@ from .index import ReindexedError
 from .plan import Located
 from .records import LOOSE, Chunk
 
-CHUNK_BYTES = 1 << 20
-"""Chunks have about as many bytes, uncompressed: what viewers like."""
-
 _MOST_BYTES = 4 << 20
 _MOST_MESSAGES = 16384
 """Blocks end at about so much: what lies outside of chunks may be a whole file."""

@@ -18,9 +18,6 @@ from .chunk import Chunk, Compressor, build
 from .rows import Rows
 from .segment import Contents
 
-CHUNK_BYTES = 1 << 20
-"""Chunks have about as many bytes, uncompressed: what viewers like."""
-
 MOST_CHANNELS = 2**16 - 1
 """MCAP numbers channels with 16 bits, and 0 is kept free."""
 
