@@ -36,9 +36,9 @@ if TYPE_CHECKING:
         UsageError,
     )
     from .experiment import Experiment
+    from .mcap.limits import Limits
+    from .mcap.losses import Loss
     from .options import RecorderOptions
-    from .read.limits import Limits
-    from .read.losses import Loss
     from .recorder import Recorder
     from .recording import Recording
     from .recovery import recover
@@ -86,8 +86,8 @@ __all__ = [
 
 _HOMES = {
     "Experiment": "experiment",
-    "Limits": "read.limits",
-    "Loss": "read.losses",
+    "Limits": "mcap.limits",
+    "Loss": "mcap.losses",
     "Recorder": "recorder",
     "RecorderOptions": "options",
     "Recording": "recording",

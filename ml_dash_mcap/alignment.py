@@ -11,18 +11,18 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from .errors import AlignmentError, UsageError
-from .export import Selection
-from .read import around
-from .read.rows import check_range
+from .formats.writers import Selection
+from .query import neighbours
+from .query.topic_rows import check_range
 from .rows.align import align as align_tables
 from .rows.align import grid
-from .rows.columns import check_columns
+from .rows.align_methods import Methods
+from .rows.dotted import check_columns
 from .rows.encode import TIME_KEY
-from .rows.methods import Methods
 from .rows.table import to_table
 
 if TYPE_CHECKING:
-    from .read.file import File
+    from .query.file import File
     from .topic_reader import TopicReader
 
 _ROUNDING_S = 1e-5
@@ -126,7 +126,7 @@ def _around(
     if not len(times):
         return reader.to_arrow(0.0, 0.0, columns, limit=0)
     first, last = float(times[0]), float(times[-1])
-    low, high = around.widen(files, reader.name, first, last)
+    low, high = neighbours.widen(files, reader.name, first, last)
     near = tolerance + _ROUNDING_S
     return reader.to_arrow(max(low, first - near), min(high, last + near), columns)
 

@@ -10,12 +10,12 @@ from itertools import islice
 from pathlib import Path
 
 from .errors import MissingRecordingError, RecorderError
-from .layout import SESSION_GLOB
-from .paths import place
-from .read.runs import status_of
+from .file_names import SESSION_GLOB
+from .inspect.runs import status_of
 from .recording import Recording
-from .run_folders import holds_run, runs_below
-from .write.lock import SessionLock
+from .store.run_folders import holds_run, runs_below
+from .store.safe_paths import place
+from .store.session_lock import SessionLock
 
 _BAG_FILE = "metadata.yaml"
 """Says that a folder is a rosbag2."""

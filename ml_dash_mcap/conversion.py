@@ -10,14 +10,14 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from . import ingest
 from .errors import ConversionWarning, MissingRecordingError, UsageError
-from .export import SUFFIXES, format_of, options_of
-from .export.destination import fresh_folder, refuse_existing, replacing
-from .export.replacing import RECORDING, check_overwrite, keeper
-from .ingest import Progress
-from .paths import place
+from .formats import readers
+from .formats.destination import fresh_folder, refuse_existing, replacing
+from .formats.readers import Progress
+from .formats.replacing import RECORDING, check_overwrite, keeper
+from .formats.writers import SUFFIXES, format_of, options_of
 from .recording import Recording
+from .store.safe_paths import place
 from .suggestions import did_you_mean
 
 
@@ -58,13 +58,13 @@ def convert(
         >>> convert("runs/field-test", "field-test-ros2", format="rosbag2")
     """
     source, target = place(src, "src"), place(dest, "dest")
-    if format is None and ingest.detect(source) is not None and target.suffix.lower() not in SUFFIXES:
+    if format is None and readers.detect(source) is not None and target.suffix.lower() not in SUFFIXES:
         check_overwrite(overwrite)
         allowed = replacing(keeper(RECORDING, [source])) if overwrite else nullcontext()
-        known = ingest.options_of(source)
+        known = readers.options_of(source)
         given = {name: value for name, value in options.items() if name in known or name not in _OF_MCAP_ALONE}
         with allowed, fresh_folder(target) as folder:
-            ingest.into(source, folder, target.name, progress=progress, **given)
+            readers.into(source, folder, target.name, progress=progress, **given)
         return target
     if not source.exists():
         raise MissingRecordingError(errno.ENOENT, "there is nothing", str(src))
@@ -85,11 +85,11 @@ def convert(
 @contextmanager
 def _opened(source: Path, reads: Mapping[str, Any]) -> Iterator[Recording]:
     """Give what is at a path as a recording, read with options of its format, if there are any."""
-    if not reads or ingest.detect(source) is None:
+    if not reads or readers.detect(source) is None:
         with Recording(source, **reads) as recording:
             yield recording
         return
-    with ingest.as_folder(source, **reads) as folder, Recording(folder, limits=reads.get("limits")) as recording:
+    with readers.as_folder(source, **reads) as folder, Recording(folder, limits=reads.get("limits")) as recording:
         yield recording
 
 
@@ -109,7 +109,7 @@ def _options_of_reading(src: str | Path, format: str, options: Mapping[str, Any]
     """
     writing = {*inspect.signature(Recording.export).parameters, *options_of(format)}
     rest = {name: value for name, value in options.items() if name not in writing}
-    reading = (ingest.options_of(src) or _OF_RECORDINGS) if rest else []
+    reading = (readers.options_of(src) or _OF_RECORDINGS) if rest else []
     for name in rest:
         if name not in reading:
             known = [*reading, *options_of(format)]

@@ -8,11 +8,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, overload
 
-from . import paths
 from .errors import StateError, UsageError
-from .layout import EXPERIMENT_ROOT as DEFAULT_ROOT
+from .file_names import EXPERIMENT_ROOT as DEFAULT_ROOT
 from .options import RecorderOptions, arguments_of, misplaced
-from .run.episodes import OpenEpisode
+from .run.episode_marks import OpenEpisode
 from .run.files import Files
 from .run.lifecycle import Run, choose_options, describe
 from .run.live import Live, Timestamps
@@ -20,6 +19,7 @@ from .run.logs import Logs
 from .run.metrics import Metrics
 from .run.parameters import Parameters
 from .run.tracks import Track, Tracks
+from .store import safe_paths
 
 
 class Experiment:
@@ -78,7 +78,7 @@ class Experiment:
         if unknown:
             raise _unknown_argument(unknown)
         self.prefix = prefix
-        self.path: Path = paths.run_folder(_one_root(root, dash_root, local_path), prefix)
+        self.path: Path = safe_paths.run_folder(_one_root(root, dash_root, local_path), prefix)
         self._timestamps: Timestamps = timestamps
         self._options = choose_options(options, buffer_config)
         self._said = describe(readme=readme, description=description, tags=tags, bindrs=bindrs, metadata=metadata)

@@ -16,23 +16,23 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, NoReturn, TypeVar
 
-from .annotations import NOTHING_SAID, collect
+from .capture.blocks import STAMP, BlockWriter, stamp_after
+from .capture.channels import ChannelInfo
+from .capture.journal import Journal
+from .capture.journal_files import SessionFiles
+from .capture.writer import Writer
 from .errors import FieldError, PrefixError, StorageError, TopicError, UsageError
-from .layout import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
+from .file_names import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
+from .inspect.earlier_run import own_clock_until
+from .inspect.plain_words import said as in_words
+from .mcap import record_bytes
+from .meaning.annotations import NOTHING_SAID, collect
 from .options import RecorderOptions, arguments_of, check_options, misplaced
-from .read.earlier import own_clock_until
-from .read.words import said as in_words
 from .recovery import recover_folder
 from .rows.encode import dumps, plain, plain_list
 from .timestamps import stamper
 from .topic import Topic, check_topic
 from .version import LIBRARY
-from .write import records
-from .write.blocks import STAMP, BlockWriter, stamp_after
-from .write.channels import ChannelInfo
-from .write.journal import Journal
-from .write.session import SessionFiles
-from .write.writer import Writer
 
 _log = logging.getLogger("ml_dash_mcap")
 
@@ -221,7 +221,7 @@ class Recorder:
     def write_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record of a name of its own. It is as safe as a row when this returns."""
         said = {_text("metadata", key): _text(f"metadata {key!r}:", value) for key, value in values.items()}
-        self._journal.add_metadata(records.metadata(_text("metadata", name), said))
+        self._journal.add_metadata(record_bytes.metadata(_text("metadata", name), said))
         if self._journal.eager is not None:
             self._journal.eager()
 

@@ -13,12 +13,9 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from . import clock, topic_reader
+from .codecs.decoding import decoding
 from .errors import MissingRecordingError, OptionError, StateError, UsageError
-from .export import Job, export, format_of
-from .export.destination import refuse_existing, replacing
-from .export.job import Progress
-from .export.replacing import check_overwrite, keeper
-from .layout import (
+from .file_names import (
     ACTIVE_SUFFIX,
     FILE_TOPIC,
     LOG_TOPIC,
@@ -28,23 +25,27 @@ from .layout import (
     SESSION_FILE,
     SESSION_GLOB,
 )
-from .lookup import Lookup, not_found
-from .paths import place
-from .read import about, attachments, counts, episodes, gaps, overview, rows, runs, topics
-from .read.attachments import Attachments
-from .read.check import check
-from .read.decoding import decoding
-from .read.episodes import Episode
-from .read.file import File
-from .read.findings import Report
-from .read.gaps import Gap
-from .read.limits import Limits
-from .read.losses import Loss
-from .read.rows import check_range
-from .read.runs import RunInfo
-from .read.segments import Segments
-from .read.topics import TopicInfo
-from .results import BytesFormat, Entries, Take
+from .formats.destination import refuse_existing, replacing
+from .formats.export_job import Progress
+from .formats.replacing import check_overwrite, keeper
+from .formats.writers import Job, export, format_of
+from .inspect import episodes, gaps, overview, run_metadata, runs, topics
+from .inspect.check import check
+from .inspect.episodes import Episode
+from .inspect.findings import Report
+from .inspect.gaps import Gap
+from .inspect.runs import RunInfo
+from .inspect.topics import TopicInfo
+from .mcap.limits import Limits
+from .mcap.losses import Loss
+from .query import attachments, counts, topic_rows
+from .query.attachments import Attachments
+from .query.file import File
+from .query.open_files import Segments
+from .query.topic_rows import check_range
+from .rows.lazy_mapping import Lookup, not_found
+from .rows.result_shapes import BytesFormat, Entries, Take
+from .store.safe_paths import place
 from .topic_reader import TopicReader
 
 if TYPE_CHECKING:
@@ -296,7 +297,7 @@ class Recording(Mapping[str, TopicReader]):
             >>> rec.align(["robot", "imu"], on="robot", how={"imu": "linear", "imu.quat": "slerp"}, tolerance_s=0.05)
             >>> rec.align({"robot": ["q"], "imu": ["accel"]}, hz=100, how="linear").to_pandas()
         """
-        from .alignment import align  # which loads pyarrow
+        from .alignment import align
 
         files = self._opened()
         return align(
@@ -357,13 +358,13 @@ class Recording(Mapping[str, TopicReader]):
     @property
     def start(self) -> float | None:
         """Time of the first message on any topic, in s; None without messages."""
-        times = [start_ns for start_ns, _ in about.spans(self._opened())]
+        times = [start_ns for start_ns, _ in run_metadata.spans(self._opened())]
         return clock.to_seconds(min(times)) if times else None
 
     @property
     def end(self) -> float | None:
         """Time of the last message on any topic, in s; None without messages."""
-        times = [end_ns for _, end_ns in about.spans(self._opened())]
+        times = [end_ns for _, end_ns in run_metadata.spans(self._opened())]
         return clock.to_seconds(max(times)) if times else None
 
     @property
@@ -375,12 +376,12 @@ class Recording(Mapping[str, TopicReader]):
     @property
     def metadata(self) -> list[tuple[str, dict[str, str]]]:
         """All metadata records, in the order of writing."""
-        return about.metadata(self._opened())
+        return run_metadata.metadata(self._opened())
 
     @property
     def run(self) -> dict[str, str]:
         """What is known about the run, such as its `status`: what was said last counts."""
-        return about.run(self._opened())
+        return run_metadata.run(self._opened())
 
     @property
     def runs(self) -> list[RunInfo]:
@@ -399,12 +400,12 @@ class Recording(Mapping[str, TopicReader]):
     @property
     def params(self) -> dict[str, Any]:
         """The parameters, by dotted name: what was set last counts."""
-        return about.parameters(self._opened())
+        return run_metadata.parameters(self._opened())
 
     @property
     def logs(self) -> list[Row]:
         """The rows of the log, in time order."""
-        return list(rows.read(self._opened(), LOG_TOPIC))
+        return list(topic_rows.read(self._opened(), LOG_TOPIC))
 
     @property
     def metrics(self) -> Mapping[str, list[Row]]:
@@ -412,13 +413,13 @@ class Recording(Mapping[str, TopicReader]):
         topics = [name for name in self._channel_names() if name.startswith(METRIC_TOPICS)]
         names = sorted(name.removeprefix(METRIC_TOPICS) for name in topics)
         return Lookup(
-            "metric", names, lambda name: list(rows.read(self._opened(), METRIC_TOPICS + name)), str(self.path)
+            "metric", names, lambda name: list(topic_rows.read(self._opened(), METRIC_TOPICS + name)), str(self.path)
         )
 
     @property
     def files(self) -> list[Row]:
         """What was said about the files that were saved with the run, in time order."""
-        return list(rows.read(self._opened(), FILE_TOPIC))
+        return list(topic_rows.read(self._opened(), FILE_TOPIC))
 
     @property
     def episodes(self) -> list[Episode]:
@@ -492,12 +493,12 @@ class Recording(Mapping[str, TopicReader]):
         """Return where to read what is at a path: there, or in a temporary place if it is in another format."""
         if not _may_be_foreign(path):
             return [path]
-        from . import ingest  # which loads the writing side
+        from .formats import readers
 
-        files = ingest.read_as_it_is(path)
+        files = readers.read_as_it_is(path)
         if files is not None:
             return files
-        folder = ingest.as_folder(path, salvages=salvages, **bag_options)
+        folder = readers.as_folder(path, salvages=salvages, **bag_options)
         self._converted.append(folder)
         return [Path(folder.name)]
 
@@ -528,7 +529,7 @@ class Recording(Mapping[str, TopicReader]):
 
     def _is_recorded(self, run: str) -> bool:
         """Whether the recorder of a run lives."""
-        from .write.lock import SessionLock
+        from .store.session_lock import SessionLock
 
         folders = {path if path.is_dir() else path.parent for path in self._paths}
         return any(SessionLock.is_held(folder / SESSION_FILE.format(session=run)) for folder in folders)
@@ -585,6 +586,6 @@ def _may_be_foreign(path: Path) -> bool:
 def _fold_in_leftovers(folder: Path) -> None:
     """Give the rows that a dead recorder left in its journal a place in the recording."""
     if next(folder.glob(SESSION_GLOB), None) is not None:
-        from .recovery import recover_folder  # which loads the writing side, and is hardly ever needed
+        from .recovery import recover_folder
 
         recover_folder(folder)

@@ -9,18 +9,18 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, overload
 
-from . import paths
 from .errors import OptionError, StateError
-from .layout import SESSION_ROOT as DEFAULT_ROOT
+from .file_names import SESSION_ROOT as DEFAULT_ROOT
 from .options import RecorderOptions, arguments_of, misplaced
-from .run.episodes import OpenEpisode
+from .run.dreamlake_files import SessionFile, SessionFiles
+from .run.dreamlake_tracks import SessionTrack
+from .run.episode_marks import OpenEpisode
 from .run.lifecycle import Run, choose_options, describe
 from .run.live import Live
 from .run.logs import Logs
 from .run.parameters import Parameters
-from .run.session_files import SessionFile, SessionFiles
-from .run.session_tracks import SessionTrack
 from .run.tracks import Tracks
+from .store import safe_paths
 
 
 class Session:
@@ -79,10 +79,10 @@ class Session:
             )
         self.name = name
         self.workspace = workspace
-        parts = [*paths.components(workspace, "workspace"), *paths.components(name, "name")]
+        parts = [*safe_paths.components(workspace, "workspace"), *safe_paths.components(name, "name")]
         root = Path(DEFAULT_ROOT if local_path is None else local_path).expanduser().absolute()
         self._prefix = "/".join(parts)
-        self.path: Path = paths.run_folder(root, self._prefix)
+        self.path: Path = safe_paths.run_folder(root, self._prefix)
         self._options = choose_options(options, buffer_config)
         self._said = describe(description=description, tags=tags, metadata=metadata)
         self._run: Run[Session, SessionTrack] = Run(self, self._begin)

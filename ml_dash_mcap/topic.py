@@ -7,13 +7,13 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from . import clock
+from .capture.channels import ChannelInfo
+from .capture.event_times import WALL_STAMPED
 from .errors import FieldError, TopicError, UsageError
-from .layout import OWN_TOPICS
+from .file_names import OWN_TOPICS
+from .mcap import record_bytes
 from .rows.encode import EXACT_KEY, TIME_KEY, dumps, exact, row_value
 from .timestamps import MISSING
-from .write import records
-from .write.channels import ChannelInfo
-from .write.event_times import WALL_STAMPED
 
 if TYPE_CHECKING:
     from .recorder import Recorder
@@ -22,7 +22,7 @@ _MAX_TOPIC_BYTES = 1024
 
 _END_S = clock.END_S
 _pack_tail = struct.Struct("<Q6sQQ").pack
-_OPCODE = bytes((records.MESSAGE_OPCODE,))
+_OPCODE = bytes((record_bytes.MESSAGE_OPCODE,))
 
 T = TypeVar("T", bound="Topic")
 
@@ -149,7 +149,7 @@ class Topic:
             >>> recorder.topic("robot").append_columns(_ts=times, q=q, gripper=width)  # [N], [N, 7], [N]
             >>> recorder.topic("table").append_columns(_ts=frame["time"], **frame.drop(columns="time"))  # of pandas
         """
-        from .write import columns as bulk
+        from .capture import column_input as bulk
 
         if positional or EXACT_KEY in columns:
             self._accept(positional, MISSING, columns.get(EXACT_KEY, MISSING), {})

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol, overload
 import numpy.typing as npt
 
 from .errors import FormatError, NotFoundError, RangeError, UsageError
-from .export import EXPORTERS, FORMATS, Selection, stream
-from .lookup import not_found
-from .read import places
-from .read.file import File
-from .read.rows import check_index, check_range
-from .read.topics import TopicInfo
-from .results import BytesFormat, Entries, Take
-from .rows.columns import FIELD_PREFIX, check_columns
+from .formats.writers import EXPORTERS, FORMATS, Selection, stream
+from .inspect.topics import TopicInfo
+from .query import row_positions
+from .query.file import File
+from .query.topic_rows import check_index, check_range
+from .rows.dotted import FIELD_PREFIX, check_columns
+from .rows.lazy_mapping import not_found
+from .rows.result_shapes import BytesFormat, Entries, Take
 from .suggestions import did_you_mean
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import polars as pl
     import pyarrow as pa
 
-    from .rows.frames import TimeForm
+    from .rows.data_frames import TimeForm
 
 Row = dict[str, Any]
 
@@ -276,10 +276,10 @@ class TopicReader:
         Example:
             >>> rec["robot"].to_pandas(flatten=True, time="datetime").resample("100ms").mean()
         """
-        from .rows import frames
+        from .rows import data_frames
 
         table = self.to_arrow(start_timestamp, end_timestamp, columns, start_index=start_index, limit=limit)
-        return frames.to_pandas(frames.shaped(table, flatten=flatten, time=time))
+        return data_frames.to_pandas(data_frames.shaped(table, flatten=flatten, time=time))
 
     def to_polars(
         self,
@@ -302,10 +302,10 @@ class TopicReader:
         Raises:
             OptionError: There is no such `time`; also a ValueError.
         """
-        from .rows import frames
+        from .rows import data_frames
 
         table = self.to_arrow(start_timestamp, end_timestamp, columns, start_index=start_index, limit=limit)
-        return frames.to_polars(frames.shaped(table, flatten=flatten, time=time))
+        return data_frames.to_polars(data_frames.shaped(table, flatten=flatten, time=time))
 
     def batches(
         self,
@@ -339,7 +339,7 @@ class TopicReader:
             NotFoundError: The topic has none so early; also a KeyError.
         """
         _, high = check_range(None, time, ("time", "time"))
-        found = places.last_at(self._source.files(), self.name, high)
+        found = row_positions.last_at(self._source.files(), self.name, high)
         if found is None:
             raise NotFoundError(f"topic {self.name!r} has no row at or before {time!r}; it starts at {self.info.start}")
         return found

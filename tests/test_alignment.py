@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from ml_dash_mcap.errors import AlignmentError, NotFoundError, RangeError, UsageError
 from ml_dash_mcap.rows.align import align
-from ml_dash_mcap.rows.methods import METHODS, Methods
+from ml_dash_mcap.rows.align_methods import METHODS, Methods
 
 SMALL = RecorderOptions(chunk_bytes=65536, backlog_bytes=262_144, sync_interval_s=0)
 

@@ -22,8 +22,8 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording
-from ml_dash_mcap.read.findings import Report
-from ml_dash_mcap.write import writer
+from ml_dash_mcap.capture import writer
+from ml_dash_mcap.inspect.findings import Report
 from tests.faulty_os import calls_go_through, fails
 from tests.support import disk
 

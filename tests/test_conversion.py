@@ -11,7 +11,15 @@ from typing import Any
 
 import pytest
 
-from ml_dash_mcap import ConversionWarning, DamagedFileError, ForeignFileError, Limits, Recording, UsageError, convert
+from ml_dash_mcap import (
+    ConversionWarning,
+    DamagedFileError,
+    ForeignFileError,
+    Limits,
+    Recording,
+    UsageError,
+    convert,
+)
 from tests.support.files import draft, finished, save
 
 CHUNKS = [{"arm": [{"n": at, "_ts": float(at)}]} for at in range(3)]

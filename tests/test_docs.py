@@ -13,24 +13,24 @@ from typing import Any
 import pytest
 
 import ml_dash_mcap
-from ml_dash_mcap import errors, layout, options
+from ml_dash_mcap import errors, file_names, options
+from ml_dash_mcap.inspect.episodes import Episode
+from ml_dash_mcap.inspect.findings import Finding, Occurrence, Report
+from ml_dash_mcap.inspect.gaps import Gap
+from ml_dash_mcap.inspect.row_spacing import Spacings
+from ml_dash_mcap.inspect.runs import RunInfo
+from ml_dash_mcap.inspect.topics import TopicInfo
 from ml_dash_mcap.options import RecorderOptions
-from ml_dash_mcap.read.attachments import Attachment, Attachments
-from ml_dash_mcap.read.episodes import Episode
-from ml_dash_mcap.read.findings import Finding, Occurrence, Report
-from ml_dash_mcap.read.gaps import Gap
-from ml_dash_mcap.read.runs import RunInfo
-from ml_dash_mcap.read.spacings import Spacings
-from ml_dash_mcap.read.topics import TopicInfo
+from ml_dash_mcap.query.attachments import Attachment, Attachments
 from ml_dash_mcap.recording import TopicReader
-from ml_dash_mcap.run.episodes import OpenEpisode
+from ml_dash_mcap.run.dreamlake_files import SessionFile, SessionFiles
+from ml_dash_mcap.run.dreamlake_tracks import SessionTrack
+from ml_dash_mcap.run.episode_marks import OpenEpisode
 from ml_dash_mcap.run.files import Files
 from ml_dash_mcap.run.lifecycle import Run
 from ml_dash_mcap.run.logs import Logs
 from ml_dash_mcap.run.metrics import Metric, Metrics
 from ml_dash_mcap.run.parameters import Parameters
-from ml_dash_mcap.run.session_files import SessionFile, SessionFiles
-from ml_dash_mcap.run.session_tracks import SessionTrack
 from ml_dash_mcap.run.tracks import Track, Tracks, TrackSlice
 from ml_dash_mcap.topic import Topic
 
@@ -227,7 +227,7 @@ def test_the_architecture_names_every_module_of_its_rooms() -> None:
 
 def test_the_architecture_names_every_metadata_record_and_own_topic() -> None:
     page = text_of(DOCS / "architecture.md")
-    for name, text in vars(layout).items():
+    for name, text in vars(file_names).items():
         is_own = name.endswith(("_TOPIC", "_TOPICS")) and name != "OWN_TOPICS"
         if is_own or name.endswith("_RECORD") or name == "ACTIVE_SUFFIX":
             assert text in page, name

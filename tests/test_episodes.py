@@ -20,9 +20,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording, Session, definitions
+from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording, Session, shipped_schemas
 from ml_dash_mcap.errors import FieldError, RangeError, StateError, TimestampError, TopicError
-from ml_dash_mcap.read.episodes import Episode
+from ml_dash_mcap.inspect.episodes import Episode
 from tests.support import disk, viewer_schema
 from tests.support.files import save
 
@@ -454,11 +454,11 @@ def test_each_mark_is_what_its_schema_says(exp: Experiment) -> None:
     rows = disk.rows(exp.path)["ml_dash/episodes"]
     assert [(row["number"], row["revision"]) for row in rows] == [(0, 0), (0, 1), (1, 0), (1, 1)]
     for row in rows:
-        jsonschema.validate(row, definitions.load("ml_dash.episode"))
+        jsonschema.validate(row, shipped_schemas.load("ml_dash.episode"))
     assert rows[1]["task"] == "pick" and rows[1]["end"] == 0.1 and rows[1]["metadata"]["seed"] == 7
     channel, schema = disk.channel(exp.path, "ml_dash/episodes")
     assert (channel.metadata["kind"], schema.name) == ("episode", "ml_dash.episode")
-    assert json.loads(schema.data) == definitions.load("ml_dash.episode")
+    assert json.loads(schema.data) == shipped_schemas.load("ml_dash.episode")
     assert viewer_schema.violations(json.loads(schema.data)) == []
 
 

@@ -10,13 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ml_dash_mcap.errors import (
-    OptionError,
-    PrefixError,
-    RecorderError,
-    StorageError,
-    UsageError,
-)
+from ml_dash_mcap.errors import OptionError, PrefixError, RecorderError, StorageError, UsageError
 from ml_dash_mcap.experiment import Experiment
 from ml_dash_mcap.options import RecorderOptions
 from tests.support import disk

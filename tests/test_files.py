@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ml_dash_mcap import definitions
+from ml_dash_mcap import shipped_schemas
 from ml_dash_mcap.errors import FieldError, NotFoundError, PrefixError, StateError, StorageError, UsageError
 from ml_dash_mcap.experiment import Experiment
 from ml_dash_mcap.session import Session
@@ -78,7 +78,7 @@ def test_every_saved_file_is_a_row_of_its_topic_within_the_viewers_subset(exp: E
     assert channel.metadata["kind"] == "file"
     assert viewer_schema.violations(json.loads(schema.data)) == []
     jsonschema = pytest.importorskip("jsonschema")
-    jsonschema.validate(second, definitions.load("ml_dash.file"))
+    jsonschema.validate(second, shipped_schemas.load("ml_dash.file"))
 
 
 def test_saving_again_replaces_the_file_and_the_last_row_counts(exp: Experiment) -> None:

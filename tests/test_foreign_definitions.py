@@ -18,7 +18,13 @@ from mcap_ros2._dynamic import generate_dynamic
 from rosbags.typesys import Stores, get_typestore
 
 from ml_dash_mcap import Recording
-from ml_dash_mcap.errors import ConversionWarning, DamagedFileError, EncodingError, OptionError, UndecodedWarning
+from ml_dash_mcap.errors import (
+    ConversionWarning,
+    DamagedFileError,
+    EncodingError,
+    OptionError,
+    UndecodedWarning,
+)
 from tests.support import system_python
 
 HUMBLE, JAZZY = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS2_JAZZY)

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode
 
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import DamagedFileError, EncodingError, UndecodedWarning
-from ml_dash_mcap.rows.columns import flatten
+from ml_dash_mcap.rows.dotted import flatten
 from tests.support import foreign, protobuf_messages
 from tests.support.foreign import COUNT, TOPICS, seen_by_others, write
 

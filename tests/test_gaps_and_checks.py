@@ -19,9 +19,10 @@ from mcap.records import Message
 
 from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording
 from ml_dash_mcap.errors import NotFoundError, RangeError, UsageError
-from ml_dash_mcap.read import gaps, setbacks, spacings
-from ml_dash_mcap.read.findings import Finding, Report
-from ml_dash_mcap.read.gaps import Gap
+from ml_dash_mcap.inspect import gaps, time_steps_back
+from ml_dash_mcap.inspect import row_spacing as spacings
+from ml_dash_mcap.inspect.findings import Finding, Report
+from ml_dash_mcap.inspect.gaps import Gap
 from tests.support.assemble import bundle
 from tests.support.files import draft, finished, message, save, unfinished
 
@@ -535,7 +536,7 @@ def in_ns(*times: float) -> np.ndarray:
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.integers(0, 60), max_size=20))
 def test_every_row_behind_an_earlier_one_is_late_or_after_a_step(times: list[int]) -> None:
-    lates, steps = setbacks.find(np.array(times, np.uint64))
+    lates, steps = time_steps_back.find(np.array(times, np.uint64))
     told = {place for late in lates for place in range(late.first, late.first + late.count)}
     starts = [0, *(step.at for step in steps if step.to_ns < step.from_ns), len(times)]
     for start, stop in pairwise(starts):
@@ -545,7 +546,7 @@ def test_every_row_behind_an_earlier_one_is_late_or_after_a_step(times: list[int
 
 def test_a_clock_may_be_set_on_and_back() -> None:
     times = in_ns(0, 1, 2, 3, 5000, 5001, 5002, 4, 5, 6, 7)
-    lates, steps = setbacks.find(times)
+    lates, steps = time_steps_back.find(times)
     assert lates == []
     assert [(step.at, step.from_ns, step.to_ns) for step in steps] == [
         (4, 3 * 10**9, 5000 * 10**9),

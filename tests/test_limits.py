@@ -14,9 +14,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from ml_dash_mcap import Limits, Recording, convert
 from ml_dash_mcap.errors import ConversionWarning, DamagedFileError, OptionError
-from ml_dash_mcap.layout import LARGE_BYTES
-from ml_dash_mcap.read import messages
-from ml_dash_mcap.read.messages import LAST_NS
+from ml_dash_mcap.file_names import LARGE_BYTES
+from ml_dash_mcap.query import topic_messages
+from ml_dash_mcap.query.topic_messages import LAST_NS
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 GRID = "nav_msgs/msg/OccupancyGrid"
@@ -98,7 +98,7 @@ def test_what_is_refused_names_the_limit_and_what_to_pass(tmp_path: Path) -> Non
     for limits in (Limits(any_ratio_bytes=size), Limits(ratio=10**6)):
         with Recording(path, limits=limits) as rec:
             assert [row["n"] for row in rec["/small"].rows()] == [1, 2, 3]
-            assert [len(one.payloads[0]) for one in messages.read(rec._segments.files, "/map", 0, LAST_NS)] == [
+            assert [len(one.payloads[0]) for one in topic_messages.read(rec._segments.files, "/map", 0, LAST_NS)] == [
                 len(grid(TOO_LARGE))
             ]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from ml_dash_mcap import definitions
+from ml_dash_mcap import shipped_schemas
 from ml_dash_mcap.experiment import Experiment
 from tests.support import disk, viewer_schema
 
@@ -51,8 +51,8 @@ def test_the_log_s_topic_is_what_viewers_show_in_their_log_panel(exp: Experiment
     assert (schema.name, schema.encoding, channel.message_encoding) == ("foxglove.Log", "jsonschema", "json")
     assert channel.metadata["kind"] == "log"
     assert viewer_schema.violations(json.loads(schema.data)) == []
-    assert json.loads(schema.data) == definitions.load("ml_dash.log")
-    pytest.importorskip("jsonschema").validate(row, definitions.load("ml_dash.log"))
+    assert json.loads(schema.data) == shipped_schemas.load("ml_dash.log")
+    pytest.importorskip("jsonschema").validate(row, shipped_schemas.load("ml_dash.log"))
 
 
 @pytest.mark.parametrize(("level", "number"), [("debug", 1), ("info", 2), ("warn", 3), ("error", 4), ("fatal", 5)])
@@ -120,12 +120,12 @@ def test_a_field_that_cannot_be_stored_is_an_error_that_names_the_topic(exp: Exp
 
 def test_every_schema_that_a_channel_gets_lies_within_the_viewers_subset() -> None:
     for name in ("ml_dash.log", "ml_dash.metric", "ml_dash.file", "ml_dash.episode"):
-        assert viewer_schema.violations(definitions.load(name)) == []
+        assert viewer_schema.violations(shipped_schemas.load(name)) == []
 
 
 def test_every_schema_is_a_schema() -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    assert definitions.names() == [
+    assert shipped_schemas.names() == [
         "ml_dash.episode",
         "ml_dash.file",
         "ml_dash.log",
@@ -135,11 +135,11 @@ def test_every_schema_is_a_schema() -> None:
         "ml_dash.run",
         "ml_dash.topic",
     ]
-    for name in definitions.names():
-        jsonschema.Draft202012Validator.check_schema(definitions.load(name))
-        assert definitions.load(name)["$id"] == name
+    for name in shipped_schemas.names():
+        jsonschema.Draft202012Validator.check_schema(shipped_schemas.load(name))
+        assert shipped_schemas.load(name)["$id"] == name
     with pytest.raises(KeyError, match=r"no schema 'nope'; there are ml_dash\.episode"):
-        definitions.load("nope")
+        shipped_schemas.load("nope")
 
 
 def test_every_metadata_record_that_is_written_is_what_its_schema_says(tmp_path: Path) -> None:
@@ -157,4 +157,4 @@ def test_every_metadata_record_that_is_written_is_what_its_schema_says(tmp_path:
         found = disk.metadata(exp.path, record)
         assert found, record
         for values in found:
-            jsonschema.validate(values, definitions.load(schema))
+            jsonschema.validate(values, shipped_schemas.load(schema))

@@ -18,10 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ml_dash_mcap.errors import (
-    FieldError,
-    StateError,
-)
+from ml_dash_mcap.errors import FieldError, StateError
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording

@@ -8,10 +8,7 @@ from typing import Any
 
 import pytest
 
-from ml_dash_mcap.errors import (
-    FieldError,
-    TopicError,
-)
+from ml_dash_mcap.errors import FieldError, TopicError
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording

@@ -21,11 +21,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import clock
-from ml_dash_mcap.errors import (
-    FieldError,
-    IntegerRangeError,
-    TimestampError,
-)
+from ml_dash_mcap.errors import FieldError, IntegerRangeError, TimestampError
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording

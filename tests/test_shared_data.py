@@ -8,7 +8,7 @@ from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from rosbags.highlevel import AnyReader
 
 from ml_dash_mcap import Recording
-from ml_dash_mcap.rows.columns import flatten
+from ml_dash_mcap.rows.dotted import flatten
 from tests.support import shared
 from tests.support.foreign import as_plain
 

@@ -17,7 +17,14 @@ import pandas as pd
 import pytest
 
 from ml_dash_mcap import Experiment, Limits, Recorder, RecorderOptions, Recording, Session, convert
-from ml_dash_mcap.errors import FormatError, NotFoundError, OptionError, RangeError, TimestampError, UsageError
+from ml_dash_mcap.errors import (
+    FormatError,
+    NotFoundError,
+    OptionError,
+    RangeError,
+    TimestampError,
+    UsageError,
+)
 
 
 @pytest.fixture

@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ml_dash_mcap.errors import (
-    StorageError,
-)
+from ml_dash_mcap.errors import StorageError
 from ml_dash_mcap.experiment import Experiment
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recording import Recording

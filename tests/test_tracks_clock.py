@@ -16,8 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import Experiment, Recorder, Recording
+from ml_dash_mcap.capture.tracks_clock import NOW_S, TracksClock
 from ml_dash_mcap.rows import merge
-from ml_dash_mcap.write.tracks_clock import NOW_S, TracksClock
 from tests.support import disk
 
 GPS_EPOCH_S = 315_964_800.0

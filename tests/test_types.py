@@ -24,10 +24,10 @@ from typing_extensions import assert_type
 
 from ml_dash_mcap import Experiment, Recorder, Recording, Session, Topic, convert, recordings
 from ml_dash_mcap.catalog import CatalogEntry
-from ml_dash_mcap.results import Entries, Page, Take, TimePage
+from ml_dash_mcap.rows.result_shapes import Entries, Page, Take, TimePage
 from ml_dash_mcap.run.logs import Logs
 from ml_dash_mcap.run.metrics import Metric
-from ml_dash_mcap.run.session_tracks import SessionTrack
+from ml_dash_mcap.run.dreamlake_tracks import SessionTrack
 from ml_dash_mcap.run.tracks import Track
 from ml_dash_mcap.topic_reader import TopicReader
 

@@ -60,8 +60,9 @@ def measure(order: rounds.Order) -> Figures:
         return {}
     src, dest, name = Path(order["src"]), Path(order["dest"]), order["name"]
     from ml_dash_mcap import convert
-    from ml_dash_mcap.export import rosbag2  # noqa: F401  # loading them is not measured
-    from ml_dash_mcap.ingest import bag_ros1, rosbag  # noqa: F401
+    from ml_dash_mcap.formats.ros import read as rosbag  # noqa: F401
+    from ml_dash_mcap.formats.ros import write_ros2  # noqa: F401  # loading them is not measured
+    from ml_dash_mcap.formats.ros.bag_ros1 import read as bag_ros1  # noqa: F401
 
     begin, cpu = time.perf_counter(), time.process_time()
     if name == "ours":

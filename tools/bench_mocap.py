@@ -27,7 +27,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from report import Aim, Figures, Results
 
-from ml_dash_mcap import Recorder, Recording, ingest
+from ml_dash_mcap import Recorder, Recording
+from ml_dash_mcap.formats import readers
 
 FRAMES, QUICK_FRAMES = 1_000_000, 60_000
 TENTH = 10  # the memory of a take is compared with that of one of so many times fewer frames
@@ -136,7 +137,7 @@ def write(rows: Iterable[Row], file: Path) -> None:
 
 def import_ours(file: Path, run: Path) -> None:
     with Recorder(run) as recorder:
-        ingest.record(file, recorder)
+        readers.record(file, recorder)
 
 
 def rows_of_csv(file: Path) -> Iterator[Row]:

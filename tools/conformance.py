@@ -20,12 +20,13 @@ from typing import Any
 
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import RecorderError
-from ml_dash_mcap.read import chunk as chunks
-from ml_dash_mcap.read import messages, records, summary
-from ml_dash_mcap.read.fields import Fields
-from ml_dash_mcap.read.file import File
-from ml_dash_mcap.read.limits import DEFAULT
-from ml_dash_mcap.read.records import Opcode
+from ml_dash_mcap.mcap import chunk_reader as chunks
+from ml_dash_mcap.mcap import records, summary
+from ml_dash_mcap.mcap.limits import DEFAULT
+from ml_dash_mcap.mcap.record_fields import Fields
+from ml_dash_mcap.mcap.records import Opcode
+from ml_dash_mcap.query import topic_messages
+from ml_dash_mcap.query.file import File
 
 Described = dict[str, Any]
 """A record as a description has it: its `type`, and its `fields` by name; numbers as text, bytes as lists of them."""
@@ -207,7 +208,7 @@ def _of_messages(path: Path, expected: list[Described]) -> Iterator[str]:
         for number, topic in topics.items():
             found = [
                 {"log_time": time, "publish_time": published, "sequence": sequence, "data": payload}
-                for batch in messages.read([file], topic, 0, messages.LAST_NS)
+                for batch in topic_messages.read([file], topic, 0, topic_messages.LAST_NS)
                 for time, published, sequence, payload in zip(
                     batch.times_ns.tolist(),
                     batch.published_ns.tolist(),

@@ -165,7 +165,7 @@ def copy_compressed(bag: Path, dest: Path) -> None:
     from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
     from ml_dash_mcap import RecorderOptions
-    from ml_dash_mcap.write.chunk import compressor
+    from ml_dash_mcap.mcap.chunk_writer import compressor
 
     compress = compressor(RecorderOptions())
     (file,) = [bag] if bag.is_file() else [one for one in bag.iterdir() if one.suffix in (".mcap", ".db3")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from ..export import STREAMS
+from ..formats.writers import STREAMS
 from . import reading, times
 
 SUMMARY = "print the rows of a topic"

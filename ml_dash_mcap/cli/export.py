@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..export import EXPORTERS, format_of
+from ..formats.writers import EXPORTERS, format_of
 from . import output, progress, reading, times
 
 SUMMARY = "write topics in another format"

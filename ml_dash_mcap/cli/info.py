@@ -6,8 +6,8 @@ import argparse
 from typing import Any
 
 from ..catalog import run_status
-from ..read.runs import RunInfo
-from ..read.topics import TopicInfo
+from ..inspect.runs import RunInfo
+from ..inspect.topics import TopicInfo
 from ..recording import Recording
 from . import output, reading, times
 

@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 
+from ..capture.blocks import STAMP, BlockWriter
+from ..capture.channels import ChannelInfo
 from ..errors import MissingRecordingError
-from ..layout import SESSION_GLOB
+from ..file_names import SESSION_GLOB
+from ..mcap.row_arrays import Block
 from ..options import RecorderOptions
-from ..paths import place
-from ..run_folders import runs_below
+from ..store.run_folders import runs_below
+from ..store.safe_paths import place
+from ..store.session_lock import SessionLock
 from ..version import LIBRARY
-from ..write.blocks import STAMP, BlockWriter
-from ..write.channels import ChannelInfo
-from ..write.lock import SessionLock
-from ..write.rows import Block
-from . import journals, segments
-from .journals import Leftover
+from . import dead_journals, unfinished_segments
+from .dead_journals import Leftover
 
 _log = logging.getLogger("ml_dash_mcap")
 
@@ -94,7 +94,7 @@ def recover_folder(folder: Path) -> Recovered:
 def _recover_session(folder: Path, lock: SessionLock) -> Recovered:
     said = _read_session(lock.path)
     session = str(said.get("session") or lock.path.stem.removeprefix(".ml_dash-"))
-    buffers = [Path(name) for name in journals.paths_of(str(said.get("journals") or ""), session)]
+    buffers = [Path(name) for name in dead_journals.paths_of(str(said.get("journals") or ""), session)]
     is_copy = _is_copy(said, lock)
     if is_copy and SessionLock.is_held(Path(said["path"])):
         buffers = []  # their recorder lives; this folder is a copy of its
@@ -107,18 +107,18 @@ def _recover_session(folder: Path, lock: SessionLock) -> Recovered:
             said.get("journals"),
         )
         return Recovered(left=[lock.path])
-    leftovers = journals.read_all(buffers, session)
+    leftovers = dead_journals.read_all(buffers, session)
     about = {str(key): str(value) for key, value in dict(said.get("about") or {}).items()}
-    unfinished = list(segments.unfinished(folder, session, about.pop(STAMP, "")))
-    torn_bytes = sum(map(segments.torn_chunk_bytes, unfinished))
+    unfinished = list(unfinished_segments.unfinished(folder, session, about.pop(STAMP, "")))
+    torn_bytes = sum(map(unfinished_segments.torn_chunk_bytes, unfinished))
     journaled = {leftover.block for leftover in leftovers if leftover.starts}
-    finished = [segments.finish(path, journaled) for path in unfinished]
-    written, sequences = segments.written_so_far(folder, session)
+    finished = [unfinished_segments.finish(path, journaled) for path in unfinished]
+    written, sequences = unfinished_segments.written_so_far(folder, session)
     pending = [leftover for leftover in leftovers if leftover.block >= written]
     rows = sum(len(leftover.starts) for leftover in pending)
     if rows or any(leftover.extras for leftover in pending):
         about = {"prefix": folder.name, "run": session, **about, "library": LIBRARY, "recovered": "true"}
-        last_ns = segments.last_times(folder, session, sequences)
+        last_ns = unfinished_segments.last_times(folder, session, sequences)
         finished += _fold_in(folder, about, pending, written, sequences, last_ns)
     if not is_copy:
         for buffer in buffers:

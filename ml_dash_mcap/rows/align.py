@@ -15,8 +15,8 @@ import pyarrow.compute as pc
 
 from ..errors import AlignmentError
 from . import arrays, interpolate
+from .align_methods import LINEAR, NEAREST, PREVIOUS, SLERP, Choice, Methods
 from .encode import TIME_KEY
-from .methods import LINEAR, NEAREST, PREVIOUS, SLERP, Choice, Methods
 from .table import ENCODING_KEY
 
 Floats = npt.NDArray[np.float64]

@@ -22,7 +22,7 @@ from typing import Any
 import orjson
 
 from ..errors import FieldError, IntegerRangeError
-from . import foreign, packed
+from . import foreign_values, packed
 
 TIME_KEY = "_ts"
 """The row's time stamp in its payload, in seconds; always the last key."""
@@ -83,16 +83,16 @@ def _plain(value: Any, *, packs: bool) -> Any:
         raise TypeError("only the side key says that it was bytes")
     size = getattr(value, "size", None)
     if not isinstance(size, int) or size > _BULK or not size:
-        array = foreign.array_of(value)
+        array = foreign_values.array_of(value)
         if array is not None:
             if packs and packed.is_large(array):
                 raise TypeError("only the side key says which array it was")
             if array.dtype.kind in _NUMBERS and array.dtype.itemsize <= 8 and array.size > _BULK:
-                return foreign.listed(array) if hasattr(array, "mask") else _bulk(array)
-            return foreign.checked(value, foreign.listed(array))
+                return foreign_values.listed(array) if hasattr(array, "mask") else _bulk(array)
+            return foreign_values.checked(value, foreign_values.listed(array))
     if not _ARRAYS and hasattr(value, "tolist"):
         _learn_types()
-    return foreign.simple(value)
+    return foreign_values.simple(value)
 
 
 def _learn_types() -> None:
@@ -112,7 +112,7 @@ def _bulk(array: Any) -> Any:
 
 def plain_list(value: Any) -> Any:
     """Like `plain`, but never through an encoded fragment, so that every element can be looked at."""
-    return foreign.simple(value)
+    return foreign_values.simple(value)
 
 
 def exact(fields: Mapping[str, Any], topic: str, *, packs: bool = True) -> bytes:
@@ -223,7 +223,7 @@ class _Encoder:
     def _key(self, key: Any, keys: dict[str, Any]) -> str:
         """Return the text of a key of a dict; `keys` are those that the dict has so far, by their text."""
         try:
-            text = foreign.key_text(key)
+            text = foreign_values.key_text(key)
         except TypeError as error:
             raise FieldError(f"{self._where()} {error}") from error
         if text in keys:
@@ -254,7 +254,7 @@ class _Encoder:
             return self._integer(value)
         if isinstance(value, float):
             return self._fraction(float(value), parent, key)
-        if isinstance(value, (bytes, bytearray)) or (isinstance(value, memoryview) and foreign.is_bytes(value)):
+        if isinstance(value, (bytes, bytearray)) or (isinstance(value, memoryview) and foreign_values.is_bytes(value)):
             self._note("bytes", parent, key)
             return self._base64(binascii.b2a_base64(bytes(value), newline=False))
         if isinstance(value, (Mapping, list, tuple)):
@@ -289,12 +289,12 @@ class _Encoder:
 
     def _foreign(self, value: Any, parent: str, key: str | int, depth: int) -> Any:
         try:
-            array = foreign.large_array_of(value) if self._packs else None
-            simpler = foreign.simple(value) if array is None else None
+            array = foreign_values.large_array_of(value) if self._packs else None
+            simpler = foreign_values.simple(value) if array is None else None
         except Exception as error:  # what a foreign object's own methods raise
             kind = f"{type(value).__module__}.{type(value).__qualname__}"
             raise FieldError(
-                f"{self._where()} holds a {kind}, which cannot be stored; {foreign.advice(value)}"
+                f"{self._where()} holds a {kind}, which cannot be stored; {foreign_values.advice(value)}"
             ) from error
         if array is None:
             return self._convert(simpler, parent, key, depth + 1)

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from . import kinds
-from .columns import free_names
+from .dotted import free_names
 from .table import ENCODING_KEY, Column
 
 MOST_COLUMNS = 1000

@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Protocol
 
 from ..errors import NotFoundError, StorageError
-from ..layout import FILE_TOPIC
+from ..file_names import FILE_TOPIC
 from ..rows import encode
 from .utc import now_text, text_of
 

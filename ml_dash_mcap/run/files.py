@@ -15,9 +15,9 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from .. import paths
 from ..errors import FieldError, NotFoundError, StorageError
 from ..rows import encode
+from ..store import safe_paths
 from . import images
 from .file_store import Details, FileStore
 
@@ -233,7 +233,7 @@ class Files:
         return deleted if _is_pattern(pattern) else deleted[0]
 
     def _save(self, to: str, write: Callable[[Path], None], said: Details | None = None) -> Description:
-        path = self._path.joinpath(*paths.components(to, "file name"))
+        path = self._path.joinpath(*safe_paths.components(to, "file name"))
         return self._store.save(path, write, said if said and said.fields() else self._details)
 
     def _inside(self, folder: str | None) -> PurePosixPath:
@@ -241,9 +241,9 @@ class Files:
             return self._path
         if isinstance(folder, str) and folder.startswith("/"):
             inside = folder.strip("/")
-            return PurePosixPath(*paths.components(inside, "folder")) if inside else PurePosixPath()
+            return PurePosixPath(*safe_paths.components(inside, "folder")) if inside else PurePosixPath()
         name = folder.removesuffix("/") if isinstance(folder, str) else folder
-        return self._path.joinpath(*paths.components(name, "folder"))
+        return self._path.joinpath(*safe_paths.components(name, "folder"))
 
     def _select(self, pattern: str | None) -> Descriptions:
         """Return the files that a pattern or a name means, or this file; at least one."""

@@ -7,14 +7,14 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any, Generic, Literal
 
-from .. import definitions
-from ..layout import FILE, FILE_TOPIC, RUN_RECORD
+from .. import shipped_schemas
+from ..file_names import FILE, FILE_TOPIC, RUN_RECORD
 from ..options import RecorderOptions
 from ..recorder import Recorder
 from ..topic import EventTopic
 from . import utc
 from .endings import Status
-from .episodes import Episodes
+from .episode_marks import Episodes
 from .file_store import Details, FileStore
 from .files import Files
 from .logs import Logs
@@ -107,7 +107,7 @@ class _FileRows:
         self._readback = readback
 
     def append(self, row: dict[str, Any]) -> None:
-        schema = definitions.load("ml_dash.file")
+        schema = shipped_schemas.load("ml_dash.file")
         topic = self._recorder._open(FILE_TOPIC, FILE, EventTopic, schema=schema, schema_name="ml_dash.file")
         topic.add(row)
 

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from types import FrameType
 from typing import Any
 
-from .. import clock, definitions
+from .. import clock, shipped_schemas
 from ..errors import FieldError
-from ..layout import LOG, LOG_TOPIC
+from ..file_names import LOG, LOG_TOPIC
 from ..recorder import Recorder
 from ..topic import EventTopic
 
@@ -41,7 +41,7 @@ class Logs:
         self._recorder = recorder
         self._name = name
         self._beside = dict(beside or {})
-        self._schema = definitions.load("ml_dash.log")
+        self._schema = shipped_schemas.load("ml_dash.log")
         self._topic: EventTopic | None = None
 
     def __repr__(self) -> str:

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..errors import FieldError, UsageError
-from ..layout import METRIC, METRIC_TOPICS
+from ..file_names import METRIC, METRIC_TOPICS
 from ..recorder import Recorder
-from ..results import Page
 from ..rows.encode import EXACT_KEY, TIME_KEY
+from ..rows.result_shapes import Page
 from ..topic import EventTopic, check_topic
 from . import pages
 from .readback import Readback

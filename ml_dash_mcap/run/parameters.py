@@ -15,7 +15,7 @@ from typing import Any
 import orjson
 
 from ..errors import FieldError, UsageError
-from ..layout import PARAMETERS_RECORD
+from ..file_names import PARAMETERS_RECORD
 from ..recorder import Recorder
 from ..rows import encode
 from .readback import Readback

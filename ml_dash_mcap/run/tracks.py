@@ -7,11 +7,11 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Generic, Literal, TypeVar, overload
 
-from ..annotations import NOTHING_SAID, collect
 from ..errors import EntryNotFoundError, FieldError, RangeError
-from ..layout import TRACK
+from ..file_names import TRACK
+from ..meaning.annotations import NOTHING_SAID, collect
 from ..recorder import Recorder
-from ..results import BytesFormat, Entries, Take
+from ..rows.result_shapes import BytesFormat, Entries, Take
 from ..topic import Topic, check_topic
 from .readback import Readback
 

@@ -19,7 +19,7 @@ from mcap.writer import Writer
 
 from ml_dash_mcap import Experiment, Recorder, Recording
 from ml_dash_mcap.cli import main
-from ml_dash_mcap.export import EXPORTERS
+from ml_dash_mcap.formats.writers import EXPORTERS
 from tests.support import disk
 from tests.support.files import draft, finished, save
 

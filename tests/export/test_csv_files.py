@@ -23,9 +23,9 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Recording
 from ml_dash_mcap.cli import main
-from ml_dash_mcap.export.csv_files import stream
-from ml_dash_mcap.export.selection import Selection
-from ml_dash_mcap.rows.columns import flatten
+from ml_dash_mcap.formats.tables.csv.write import stream
+from ml_dash_mcap.formats.topic_part import Selection
+from ml_dash_mcap.rows.dotted import flatten
 from tests.export.test_parquet_files import _a_block_a_chunk, recording, steps  # noqa: F401
 from tests.read.test_columns import ROWS
 

@@ -22,7 +22,7 @@ from ml_dash_mcap.errors import (
     StorageError,
     UsageError,
 )
-from ml_dash_mcap.export.destination import fresh_file, fresh_folder, name_of, names_of
+from ml_dash_mcap.formats.destination import fresh_file, fresh_folder, name_of, names_of
 from tests.support.files import draft, finished, save
 
 FORMATS = ["csv", "dreamlake", "jsonl", "parquet"]

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
 
-from ml_dash_mcap.export import FORMATS
+from ml_dash_mcap.formats.writers import FORMATS
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.rows.encode import restore

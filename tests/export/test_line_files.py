@@ -10,7 +10,7 @@ import orjson
 import pytest
 
 from ml_dash_mcap import Recorder, Recording
-from ml_dash_mcap.export.dreamlake import path_of
+from ml_dash_mcap.formats.dreamlake import path_of
 from ml_dash_mcap.rows.encode import restore
 from tests.export.test_parquet_files import recording, steps
 

@@ -14,8 +14,8 @@ from mcap.writer import Writer
 from ml_dash_mcap import Experiment, Recorder, Recording, convert
 from ml_dash_mcap.cli import main
 from ml_dash_mcap.errors import DestinationExistsError, FormatError, OptionError
-from ml_dash_mcap.export import EXPORTERS
-from ml_dash_mcap.export import exchange as exchange_module
+from ml_dash_mcap.formats import swap_names as exchange_module
+from ml_dash_mcap.formats.writers import EXPORTERS
 
 NAMES = {
     "parquet": "out", "csv": "out", "jsonl": "out", "dreamlake": "out", "rosbag2": "out", "rosbag1": "out.bag",

@@ -21,8 +21,8 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, Recording
 from ml_dash_mcap.errors import UsageError
-from ml_dash_mcap.read import columns
-from ml_dash_mcap.rows.columns import flatten
+from ml_dash_mcap.query import topic_columns
+from ml_dash_mcap.rows.dotted import flatten
 from ml_dash_mcap.rows.encode import exact
 from ml_dash_mcap.rows.table import ENCODING_KEY, Column, values_of
 from tests.read.test_columns import ROWS
@@ -35,8 +35,8 @@ Rows = Sequence[Mapping[str, Any]]
 def _a_block_a_chunk() -> Iterator[None]:
     """Read each chunk by itself, so that a few rows are many blocks."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(columns, "_FIRST_BYTES", 1)
-        patch.setattr(columns, "_MOST_BYTES", 1)
+        patch.setattr(topic_columns, "_FIRST_BYTES", 1)
+        patch.setattr(topic_columns, "_MOST_BYTES", 1)
         yield
 
 

@@ -14,7 +14,13 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 from ruamel.yaml import YAML
 
-from ml_dash_mcap.errors import ConversionError, ConversionWarning, DestinationExistsError, OptionError, UsageError
+from ml_dash_mcap.errors import (
+    ConversionError,
+    ConversionWarning,
+    DestinationExistsError,
+    OptionError,
+    UsageError,
+)
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from tests.support.bags import ROBOT, export, record, robot_rows, smooth_columns, with_rosbags

@@ -12,7 +12,7 @@ import pytest
 from ml_dash_mcap import Experiment
 from ml_dash_mcap.conversion import convert
 from ml_dash_mcap.errors import ConversionError, ConversionWarning, OptionError
-from ml_dash_mcap.export import bag_images
+from ml_dash_mcap.formats.ros import bag_images
 from ml_dash_mcap.recording import Recording
 from tests.support.bags import Found, export, record, with_rosbags
 

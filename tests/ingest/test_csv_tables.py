@@ -18,9 +18,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ml_dash_mcap import Recorder, Recording, convert, ingest
+from ml_dash_mcap import Recorder, Recording, convert
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError, OptionError, UsageError
-from ml_dash_mcap.ingest import csv_tokens
+from ml_dash_mcap.formats import readers
+from ml_dash_mcap.formats.tables.csv import tokens
 from tests.ingest.test_parquet import normal, rows
 from tests.support import shared
 from tests.support.row_shapes import typed
@@ -224,7 +225,7 @@ def test_rows_are_never_merged_and_names_stay(tmp_path: Path) -> None:
 def test_the_rows_are_the_same_however_many_bytes_are_read_at_a_time(
     tmp_path: Path, size: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(csv_tokens, "_CHUNK_BYTES", size)
+    monkeypatch.setattr(tokens, "_CHUNK_BYTES", size)
     cells = [(at / 2, at, f"ü{at}", 'x"\r\ny,' if at % 3 else "") for at in range(40)]
     out = io.StringIO(newline="")
     csv.writer(out, lineterminator="\r\n").writerows([("time", "n", "s", "q"), *cells])
@@ -284,9 +285,9 @@ def test_any_cells_are_those_that_pythons_csv_says(
     csv.writer(out, delimiter=separator, quoting=how, lineterminator=end).writerows(table)
     text = out.getvalue() if has_end else out.getvalue().removesuffix(end)
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(csv_tokens, "_CHUNK_BYTES", size)
+        patch.setattr(tokens, "_CHUNK_BYTES", size)
         path = written(Path(folder), text)
-        found = [part.cells.to_pylist() for part in csv_tokens.Tokens(path, separator, 3).read()]
+        found = [part.cells.to_pylist() for part in tokens.Tokens(path, separator, 3).read()]
     flat = [cell for part in found for cell in part]
     assert [flat[at : at + 3] for at in range(0, len(flat), 3)] == table[1:]
 
@@ -355,7 +356,7 @@ def test_any_rows_of_ours_come_back(drawn: list[dict[str, Any]]) -> None:
 
 
 def test_a_take_goes_to_the_reader_of_its_format() -> None:
-    assert ingest.detect(shared.file("mocap/a-motive-1.21-rigidbody.csv")) == "mocap"
+    assert readers.detect(shared.file("mocap/a-motive-1.21-rigidbody.csv")) == "mocap"
 
 
 def test_a_take_among_tables_is_named(tmp_path: Path) -> None:
@@ -379,7 +380,7 @@ def test_a_take_among_tables_is_named(tmp_path: Path) -> None:
     ],
 )
 def test_a_text_file_is_detected_by_its_first_line(tmp_path: Path, text: str, name: str, format: str | None) -> None:
-    assert ingest.detect(written(tmp_path, text, name)) == format
+    assert readers.detect(written(tmp_path, text, name)) == format
 
 
 def test_memory_is_bounded_by_what_is_read_at_a_time(tmp_path: Path) -> None:
@@ -389,8 +390,7 @@ def test_memory_is_bounded_by_what_is_read_at_a_time(tmp_path: Path) -> None:
         for at in range(200_000):
             file.write(f"{at / 100},{at},{'text' * 10} {at}\n")
     tracemalloc.start()
-    tokens = csv_tokens.Tokens(path, ",", 3)
-    assert sum(part.height for part in tokens.read()) == 200_000
+    assert sum(part.height for part in tokens.Tokens(path, ",", 3).read()) == 200_000
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert path.stat().st_size > 12e6 and peak < 6e6 + 6 * csv_tokens._CHUNK_BYTES
+    assert path.stat().st_size > 12e6 and peak < 6e6 + 6 * tokens._CHUNK_BYTES

@@ -15,8 +15,8 @@ from mcap.writer import Writer
 
 from ml_dash_mcap.conversion import convert
 from ml_dash_mcap.errors import ConversionWarning, DamagedFileError, MissingRecordingError, StorageError
-from ml_dash_mcap.ingest import rosbag
-from ml_dash_mcap.ingest.bag_sqlite import SqliteBag
+from ml_dash_mcap.formats.ros import read as rosbag
+from ml_dash_mcap.formats.ros.bag_sqlite.read import SqliteBag
 from ml_dash_mcap.recording import Recording
 
 STRING = (1, "/s", "std_msgs/msg/String", "cdr")

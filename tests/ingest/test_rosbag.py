@@ -18,7 +18,6 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ml_dash_mcap import ingest
 from ml_dash_mcap.conversion import convert
 from ml_dash_mcap.errors import (
     ConversionWarning,
@@ -31,7 +30,8 @@ from ml_dash_mcap.errors import (
     UndecodedWarning,
     UsageError,
 )
-from ml_dash_mcap.ingest.bag_ros1 import Ros1File
+from ml_dash_mcap.formats import readers
+from ml_dash_mcap.formats.ros.bag_ros1.read import Ros1File
 from ml_dash_mcap.recording import Recording
 from tests.support import shared, system_python
 from tests.support.bags import export, record, robot_rows
@@ -390,8 +390,8 @@ def test_what_is_no_bag_is_told_from_one(tmp_path: Path) -> None:
     base.close()
     refused(tmp_path / "x.db3", tmp_path, DamagedFileError, "no bag")
     (tmp_path / "x.txt").write_text("text")
-    assert ingest.detect(tmp_path / "x.txt") is None
-    assert ingest.detect(tmp_path / "nothing") is None
+    assert readers.detect(tmp_path / "x.txt") is None
+    assert readers.detect(tmp_path / "nothing") is None
     refused(tmp_path / "x.txt", tmp_path, FormatError, "format=")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ml_dash_mcap import ingest
+from ml_dash_mcap.formats import readers
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 
@@ -30,5 +30,5 @@ def rows_of(folder: Path) -> Rows:
 def read_back(file: Path, folder: Path, **options: Any) -> Rows:
     """Read a foreign file into a recording, and return its rows by topic."""
     with Recorder(folder) as recorder:
-        ingest.record(file, recorder, **options)
+        readers.record(file, recorder, **options)
     return rows_of(folder)

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ml_dash_mcap.export.table_text import shifted
-from ml_dash_mcap.mocap import frames, objects, placement, resample, space
-from ml_dash_mcap.mocap.placement import Note, Placement
+from ml_dash_mcap.formats.mocap import frame_numbers, placement, resample
+from ml_dash_mcap.formats.mocap.placement import Note, Placement
+from ml_dash_mcap.formats.mocap.table_text import shifted
+from ml_dash_mcap.meaning import mocap_objects, space
 from ml_dash_mcap.rows import rotations
 
 component = st.floats(-1, 1)
@@ -73,7 +74,7 @@ def test_turning_there_and_back_changes_no_bit(found: Any, up: str, to: str) -> 
 @given(st.floats(0, 4e9), st.lists(st.floats(0, 1e6), min_size=1))
 def test_times_count_from_their_origin_without_rounding(first: float, distances: list[float]) -> None:
     times = sorted(first + distance for distance in distances)
-    origin = frames.exact_origin(times[0], times[-1])
+    origin = frame_numbers.exact_origin(times[0], times[-1])
     assert 0 <= origin <= times[0]
     assert times[0] - origin < math.ulp(times[-1])
     assert [origin + (time - origin) for time in times] == times
@@ -85,14 +86,14 @@ def test_samples_with_holes_have_the_frames_that_they_were_taken_at(step_ns: int
     first = min(taken)
     numbers = sorted({first, first + 1} | taken)
     times = np.array([number * step_ns + random.randint(-step_ns // 1000, step_ns // 1000) for number in numbers])
-    found = frames.spacing(times).frames
+    found = frame_numbers.spacing(times).frames
     assert found is not None
     assert found.tolist() == [number - first for number in numbers]
 
 
 def test_a_rate_is_the_mean_one_without_the_noise_of_nanoseconds() -> None:
     times = np.rint(np.arange(1000) * 1e9 / 30).astype(np.int64)
-    assert frames.mean_rate(times, np.arange(1000)) == 30.0
+    assert frame_numbers.mean_rate(times, np.arange(1000)) == 30.0
 
 
 def test_values_are_held_for_no_longer_than_a_gap_may_be() -> None:
@@ -125,7 +126,7 @@ def test_objects_are_found_by_name_and_shape() -> None:
         ("goal_pos",): (3,),
         ("markers", "a.b"): (3,),
     }
-    found = objects.find("arm", shapes, {"joint_names": ["one", "two"], "quat_order": "wxyz"})
+    found = mocap_objects.find("arm", shapes, {"joint_names": ["one", "two"], "quat_order": "wxyz"})
     assert {body.name: body.order for body in found.bodies} == {
         "arm:ee": "wxyz",
         "arm:tcp": "wxyz",

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ml_dash_mcap import ingest
 from ml_dash_mcap.errors import (
     ConversionError,
     ConversionWarning,
@@ -21,6 +20,7 @@ from ml_dash_mcap.errors import (
     ForeignFileError,
     OptionError,
 )
+from ml_dash_mcap.formats import readers
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from tests.mocap.support import UNIT, read_back, record
@@ -458,7 +458,7 @@ def test_a_broken_file_is_an_error_with_its_line(change: Any, message: str, tmp_
     file = tmp_path / "demo.csv"
     file.write_text(change(HEADER + BODY))
     with Recorder(tmp_path / "back") as recorder, pytest.raises(ForeignFileError, match=message) as caught:
-        ingest.record(file, recorder)
+        readers.record(file, recorder)
     assert caught.value.path == file
 
 

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from ml_dash_mcap.errors import NotFoundError, RangeError
-from ml_dash_mcap.rows.columns import flatten
-from ml_dash_mcap.rows.lines import LineReader, joined
+from ml_dash_mcap.rows.dotted import flatten
+from ml_dash_mcap.rows.json_lines import LineReader, joined
 from ml_dash_mcap.rows.table import ENCODING_KEY, from_rows, from_text
 
 SMALL = RecorderOptions(chunk_bytes=65536, backlog_bytes=262_144, sync_interval_s=0)

@@ -25,8 +25,8 @@ from mcap.writer import CompressionType, Writer
 
 from ml_dash_mcap import Limits, Loss, Recorder, RecorderOptions, Recording
 from ml_dash_mcap.errors import DamagedFileError, EncodingError, OptionError, UndecodedWarning
-from ml_dash_mcap.read import ahead
-from ml_dash_mcap.read.records import Chunk
+from ml_dash_mcap.mcap.records import Chunk
+from ml_dash_mcap.rows import read_ahead
 from tests.support import raw
 from tests.support.assemble import Draft, bundle
 from tests.support.every_read import everything
@@ -100,7 +100,7 @@ def specimen(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 @pytest.fixture
 def on_one_core(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reads as a machine with one core does: for files as small as these, threads would take most of the time."""
-    monkeypatch.setattr(ahead, "_WORKERS", 1)
+    monkeypatch.setattr(read_ahead, "_WORKERS", 1)
 
 
 def check_subset(found: Rows, original: Rows) -> None:

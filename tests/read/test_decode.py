@@ -9,10 +9,10 @@ import warnings
 
 import pytest
 
+from ml_dash_mcap.codecs.decode import decoder
+from ml_dash_mcap.codecs.decoding import decoding
 from ml_dash_mcap.errors import EncodingError, UndecodedWarning
-from ml_dash_mcap.read.decode import decoder
-from ml_dash_mcap.read.decoding import decoding
-from ml_dash_mcap.read.records import Channel, Schema
+from ml_dash_mcap.mcap.records import Channel, Schema
 from tests.support import protobuf_messages
 
 
@@ -111,8 +111,8 @@ def test_messages_with_a_broken_schema_are_bytes_and_a_warning_names_topic_and_s
 PROGRAM = """
 import sys
 import ml_dash_mcap
-from ml_dash_mcap.read.decode import decoder
-from ml_dash_mcap.read.records import Channel, Schema
+from ml_dash_mcap.codecs.decode import decoder
+from ml_dash_mcap.mcap.records import Channel, Schema
 decoder(Channel(1, 1, "t", "json", {}), None)(b"{}")
 text = b"int8 x"
 decoder(Channel(1, 1, "t", "cdr", {}), Schema(1, "p/A", "ros2msg", text))(bytes([0, 1, 0, 0, 1]))

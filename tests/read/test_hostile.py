@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from ml_dash_mcap.errors import MissingRecordingError
-from ml_dash_mcap.layout import LARGE_BYTES
+from ml_dash_mcap.file_names import LARGE_BYTES
 from tests.support import every_read, raw
 
 ROOT = Path(__file__).resolve().parents[2]

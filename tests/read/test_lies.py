@@ -27,7 +27,7 @@ from mcap.records import (
 
 from ml_dash_mcap import Recording, recordings
 from ml_dash_mcap.cli import main
-from ml_dash_mcap.read import ahead
+from ml_dash_mcap.rows import read_ahead
 from tests.support.assemble import Draft, bundle
 from tests.support.samples import swap
 
@@ -316,7 +316,7 @@ def answers() -> list[object]:
 
 @pytest.fixture(params=[1, 2], ids=["on one core", "on two"])
 def cores(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ahead, "_WORKERS", request.param)
+    monkeypatch.setattr(read_ahead, "_WORKERS", request.param)
 
 
 def test_the_sample_is_right_and_nothing_is_found_in_it(tmp_path: Path) -> None:

@@ -3,9 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ml_dash_mcap.read import plan
-from ml_dash_mcap.read.index import FileIndex
-from ml_dash_mcap.read.records import Chunk, Header
+from ml_dash_mcap.mcap.file_index import FileIndex
+from ml_dash_mcap.mcap.records import Chunk, Header
+from ml_dash_mcap.query import plan
 
 
 def index_of(*chunks: Chunk) -> FileIndex:

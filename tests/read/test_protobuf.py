@@ -7,8 +7,8 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from google.protobuf import descriptor_pb2, json_format
 from hypothesis import given, settings
 
+from ml_dash_mcap.codecs.protobuf import decoder
 from ml_dash_mcap.errors import EncodingError
-from ml_dash_mcap.read.protobuf import decoder
 from tests.support import protobuf_messages
 from tests.support.protobuf_messages import FILE, NAME, descriptor_set, fill
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import DamagedFileError
-from ml_dash_mcap.read import records
-from ml_dash_mcap.read.fields import Fields
+from ml_dash_mcap.mcap import records
+from ml_dash_mcap.mcap.record_fields import Fields
 
 
 def fields(data: bytes) -> Fields:

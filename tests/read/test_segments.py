@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
-from ml_dash_mcap.read.segments import Segments
+from ml_dash_mcap.query.open_files import Segments
 from tests.support.files import draft, finished, save, unfinished
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,9 +13,9 @@ from mcap.writer import CompressionType, Writer
 
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import DamagedFileError
-from ml_dash_mcap.read import chunk_indexes, chunk_table, records
-from ml_dash_mcap.read.file import File
-from ml_dash_mcap.read.records import Chunk, Opcode
+from ml_dash_mcap.mcap import chunk_indexes, chunk_table, records
+from ml_dash_mcap.mcap.records import Chunk, Opcode
+from ml_dash_mcap.query.file import File
 from tests.support import raw
 
 SUMMARY_START = 1_000_000

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
+from ml_dash_mcap.codecs.ros.message_decoder import decoder
 from ml_dash_mcap.errors import EncodingError
-from ml_dash_mcap.ros.decode import decoder
 from tests.support import ros_messages
 
 FEW = settings(max_examples=40, deadline=None)

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from rosbags.typesys import get_types_from_msg
 
+from ml_dash_mcap.codecs.ros import definitions
+from ml_dash_mcap.codecs.ros.message_types import Array, Basic, Fields, Named, canonical
 from ml_dash_mcap.errors import EncodingError
-from ml_dash_mcap.ros import definitions
-from ml_dash_mcap.ros.message_types import Array, Basic, Fields, Named, canonical
 from tests.support import ros_messages
 
 INT, DOUBLE, TEXT = Basic("int32"), Basic("float64"), Basic("string")

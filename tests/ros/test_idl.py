@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ml_dash_mcap.codecs.ros import definitions, idl
+from ml_dash_mcap.codecs.ros.message_decoder import decoder
+from ml_dash_mcap.codecs.ros.message_types import PLACEHOLDER, Array, Basic, Named
 from ml_dash_mcap.errors import EncodingError
-from ml_dash_mcap.ros import definitions, idl
-from ml_dash_mcap.ros.decode import decoder
-from ml_dash_mcap.ros.message_types import PLACEHOLDER, Array, Basic, Named
 from tests.support import ros_messages
 
 

@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from ml_dash_mcap.ros import forms, lossless, msg, restore
-from ml_dash_mcap.ros.columns import Constant
-from ml_dash_mcap.ros.fill import MisfitError, fill
-from ml_dash_mcap.ros.lossless import Message
-from ml_dash_mcap.ros.pack import pack
-from ml_dash_mcap.ros.unpack import unpack
+from ml_dash_mcap.codecs.ros.message_columns import Constant
+from ml_dash_mcap.codecs.ros.pack import pack
+from ml_dash_mcap.codecs.ros.unpack import unpack
+from ml_dash_mcap.formats.ros import forms, lossless, lossless_definitions, restore
+from ml_dash_mcap.formats.ros.fill import MisfitError, fill
+from ml_dash_mcap.formats.ros.lossless import Message
 from tests.support.row_shapes import tables, typed
 
 Row = dict[str, Any]
@@ -56,7 +56,10 @@ def test_any_rows_come_back_bit_for_bit(rows: list[Row], is_ros1: bool, is_json:
 @settings(max_examples=100, deadline=None)
 def test_the_text_of_a_message_says_what_it_is(rows: list[Row]) -> None:
     message = designed(timed(rows))
-    assert msg.parse(f"{PACKAGE}/msg/{message.name}", msg.embedded(message, PACKAGE)) == message
+    assert (
+        lossless_definitions.parse(f"{PACKAGE}/msg/{message.name}", lossless_definitions.embedded(message, PACKAGE))
+        == message
+    )
 
 
 @given(tables(), st.sampled_from([ROS1, ROS2]))
@@ -66,7 +69,7 @@ def test_the_bytes_are_those_that_rosbags_writes(rows: list[Row], is_ros1: bool)
     message = designed(rows)
     store = get_typestore(Stores.EMPTY)
     name = f"{PACKAGE}/msg/{message.name}"
-    store.register(get_types_from_msg(msg.embedded(message, PACKAGE, is_ros1=is_ros1), name))
+    store.register(get_types_from_msg(lossless_definitions.embedded(message, PACKAGE, is_ros1=is_ros1), name))
     if is_ros1:
         store.register(get_types_from_msg("int32 sec\nuint32 nanosec", "builtin_interfaces/msg/Time"))
     for data in to_bytes(message, rows, is_ros1=is_ros1):
@@ -87,7 +90,7 @@ def test_long_values_of_various_lengths_come_back(is_ros1: bool) -> None:
 def test_plain_numbers_make_a_message_of_one_size() -> None:
     rows = timed([{"q": [0.5] * 7, "gripper": 0.04, "ok": True, "n": 3, "T": [[0.5] * 4] * 4}] * 3)
     message = designed(rows)
-    assert msg.text(message, PACKAGE).splitlines()[2:] == [
+    assert lossless_definitions.text(message, PACKAGE).splitlines()[2:] == [
         "std_msgs/Header header",
         "float64 ts  # the exact time stamp, in seconds",
         "float64[7] q",
@@ -101,7 +104,7 @@ def test_plain_numbers_make_a_message_of_one_size() -> None:
 
 def test_what_a_type_cannot_say_is_said_beside_it() -> None:
     rows = timed([{"q": [0, 0.5], "x": 1, "any": {}}, {"q": [0.5, 0.5], "x": 0.5, "s": "a", "d": {"k": None}}])
-    text = msg.text(designed(rows), PACKAGE)
+    text = lossless_definitions.text(designed(rows), PACKAGE)
     assert "uint8[5] field_state" in text
     assert "float64[2] q\nuint8[2] q_integers" in text
     assert "ml_dash_msgs/RobotArmD d" in text
@@ -114,10 +117,10 @@ def test_units_stand_in_brackets_and_nothing_else_does() -> None:
     message = Message(
         message.name, message.fields, False, about={"topic": "robot", "metadata": {"units": {"q": "rad"}, "n": [1]}}
     )
-    text = msg.text(message, PACKAGE)
+    text = lossless_definitions.text(message, PACKAGE)
     assert "float64[1] q  # [rad]" in text
     assert "[" not in text.splitlines()[0]
-    assert msg.parse(message.name, text) == message
+    assert lossless_definitions.parse(message.name, text) == message
 
 
 def test_rows_of_another_form_do_not_fit() -> None:

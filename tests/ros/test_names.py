@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import ConversionError
-from ml_dash_mcap.ros import names
+from ml_dash_mcap.formats.ros import ros_names
 
 
 @pytest.mark.parametrize(
@@ -32,11 +32,11 @@ from ml_dash_mcap.ros import names
     ],
 )
 def test_a_key_becomes_a_fields_name(key: str, name: str) -> None:
-    assert names.field(key) == name
+    assert ros_names.field(key) == name
 
 
 def test_keys_that_look_alike_stay_apart() -> None:
-    assert names.fields(["eeQuat", "ee_quat", "ee quat"]) == {
+    assert ros_names.fields(["eeQuat", "ee_quat", "ee quat"]) == {
         "eeQuat": "ee_quat",
         "ee_quat": "ee_quat_2",
         "ee quat": "ee_quat_3",
@@ -55,11 +55,11 @@ def test_keys_that_look_alike_stay_apart() -> None:
     ],
 )
 def test_a_topic_becomes_a_topic_of_ros(topic: str, name: str) -> None:
-    assert names.topic(topic) == name
+    assert ros_names.topic(topic) == name
 
 
 def test_topics_that_look_alike_stay_apart() -> None:
-    assert names.topic("a_b", {names.topic("a.b")}) == "/a_b_2"
+    assert ros_names.topic("a_b", {ros_names.topic("a.b")}) == "/a_b_2"
 
 
 @pytest.mark.parametrize(
@@ -67,35 +67,35 @@ def test_topics_that_look_alike_stay_apart() -> None:
     [("cam/wrist", "CamWrist"), ("robot", "Robot"), ("3d", "Topic3d"), ("a_b", "AB"), ("\u89d2", "Topic")],
 )
 def test_a_topic_names_its_message(topic: str, name: str) -> None:
-    assert names.message(topic) == name
+    assert ros_names.message(topic) == name
 
 
 def test_messages_of_topics_that_look_alike_stay_apart() -> None:
-    assert names.message("a/b", {"AB"}) == "ABV2"
+    assert ros_names.message("a/b", {"AB"}) == "ABV2"
 
 
 @given(st.lists(st.text(max_size=12), max_size=6, unique=True))
 def test_any_keys_become_different_names_that_ros_takes(keys: list[str]) -> None:
-    found = names.fields(keys)
+    found = ros_names.fields(keys)
     assert list(found) == keys
     assert len(set(found.values())) == len(keys)
-    assert all(names.is_field(name) and name not in names.TAKEN_FIELDS for name in found.values())
+    assert all(ros_names.is_field(name) and name not in ros_names.TAKEN_FIELDS for name in found.values())
 
 
 @given(st.text(min_size=1, max_size=20))
 def test_any_topic_becomes_one_that_ros_takes(topic: str) -> None:
-    assert names.is_topic(names.topic(topic))
-    assert names.is_topic(names.topic(topic, {names.topic(topic)}))
-    assert names.is_message(names.message(topic))
+    assert ros_names.is_topic(ros_names.topic(topic))
+    assert ros_names.is_topic(ros_names.topic(topic, {ros_names.topic(topic)}))
+    assert ros_names.is_message(ros_names.message(topic))
 
 
 @pytest.mark.parametrize("name", ["Upper", "a__b", "a_", "9a", "", "a-b", None])
 def test_a_package_that_ros_refuses_is_named(name: str) -> None:
     with pytest.raises(ConversionError, match="ROS package"):
-        names.check_package(name)
+        ros_names.check_package(name)
 
 
 @pytest.mark.parametrize("name", ["robot", "/a//b", "/a/", "/1", "/a__b", "/a-b", ""])
 def test_a_topic_that_ros_refuses_is_named(name: str) -> None:
     with pytest.raises(ConversionError, match="no ROS topic"):
-        names.check_topic(name)
+        ros_names.check_topic(name)

@@ -6,8 +6,8 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
 
-from ml_dash_mcap.ros import package
-from ml_dash_mcap.ros.lossless import Message
+from ml_dash_mcap.formats.ros import interface_package
+from ml_dash_mcap.formats.ros.lossless import Message
 from tests.ros.test_lossless import PACKAGE, designed, timed
 from tests.support import system_python
 
@@ -20,7 +20,7 @@ def with_rosidl(folder: Path) -> dict[str, dict[str, list[str]]]:
 
 
 def write(folder: Path, *messages: Message) -> Path:
-    for name, text in package.files(messages, PACKAGE).items():
+    for name, text in interface_package.files(messages, PACKAGE).items():
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
@@ -59,7 +59,7 @@ def test_ros_parses_the_messages_and_finds_their_units(tmp_path: Path) -> None:
 
 
 def test_the_package_is_described_for_both_generations_of_ros(tmp_path: Path) -> None:
-    files = package.files([designed(timed([{"a": {"b": 1}}]))], PACKAGE)
+    files = interface_package.files([designed(timed([{"a": {"b": 1}}]))], PACKAGE)
     assert sorted(files) == ["CMakeLists.txt", "msg/RobotArm.msg", "msg/RobotArmA.msg", "package.xml"]
     root = ElementTree.fromstring(files["package.xml"])
     assert root.findtext("name") == PACKAGE

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from ml_dash_mcap.codecs.ros import distros, standard_types
+from ml_dash_mcap.codecs.ros.definition_sources import Supply, complete
+from ml_dash_mcap.codecs.ros.message_decoder import decoder, definition
 from ml_dash_mcap.errors import EncodingError
-from ml_dash_mcap.ros import distros, stores
-from ml_dash_mcap.ros.decode import decoder, definition
-from ml_dash_mcap.ros.supply import Supply, complete
 from tests.support import ros_messages
 
 HUMBLE, JAZZY, NOETIC = (get_typestore(one) for one in (Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.ROS1_NOETIC))
@@ -89,7 +89,10 @@ def test_a_char_counts_as_uint8_in_a_hash_as_rosidl_has_it() -> None:
     own = get_typestore(Stores.EMPTY)
     own.register(get_types_from_msg(text, "service_msgs/msg/ServiceEventInfo"))
     digest = own.hash_rihs01("service_msgs/msg/ServiceEventInfo")
-    assert "char[16] client_gid" in stores.find("service_msgs/ServiceEventInfo", distros.likely(), digest=digest).text
+    assert (
+        "char[16] client_gid"
+        in standard_types.find("service_msgs/ServiceEventInfo", distros.likely(), digest=digest).text
+    )
 
 
 def test_ros_1_has_definitions_of_its_own() -> None:

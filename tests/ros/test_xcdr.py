@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ml_dash_mcap.codecs.ros.message_decoder import decoder
 from ml_dash_mcap.errors import EncodingError
-from ml_dash_mcap.ros.decode import decoder
 from tests.support import dds
 
 FEW = settings(max_examples=60, deadline=None)

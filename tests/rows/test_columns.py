@@ -3,7 +3,7 @@
 import pytest
 
 from ml_dash_mcap.errors import UsageError
-from ml_dash_mcap.rows.columns import check_columns, flatten, project
+from ml_dash_mcap.rows.dotted import check_columns, flatten, project
 
 ROW = {"q": [1, 2], "cam": {"pos": [0], "lens": {"f": 35}}, "a.b": 1, "_ts": 0.5}
 

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ml_dash_mcap.capture import writer
 from ml_dash_mcap.errors import BacklogFullError, RecorderError, StorageError
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.topic import EventTopic
-from ml_dash_mcap.write import writer
 from tests.faulty_os import calls_go_through, fails
 from tests.support import disk
 

@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 
+from ml_dash_mcap.capture import writer
 from ml_dash_mcap.errors import StorageError
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
-from ml_dash_mcap.write import writer
 from tests.faulty_os import calls_go_through, fails
 from tests.support import disk
 from tests.workload import KINDS, OPTIONS, actions, lost_or_twice
@@ -235,7 +235,7 @@ def test_what_close_could_not_write_is_recovered_by_a_recorder_in_the_same_proce
 def test_a_row_that_the_writer_cannot_handle_does_not_make_the_folder_unusable(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from ml_dash_mcap.write import blocks
+    from ml_dash_mcap.capture import blocks
 
     broken = Recorder(tmp_path)
     with monkeypatch.context() as patched:

@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from ml_dash_mcap.capture import column_input as bulk
 from ml_dash_mcap.errors import FieldError
+from ml_dash_mcap.mcap.record_bytes import MESSAGE_HEAD
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.rows.encode import restore
-from ml_dash_mcap.write import columns as bulk
-from ml_dash_mcap.write.records import MESSAGE_HEAD
 
 HEAD = b"\x01\0\0\0\0\0"
 

@@ -13,11 +13,11 @@ from typing import Any
 
 import pytest
 
+from ml_dash_mcap.capture import journal_files as place
 from ml_dash_mcap.errors import StorageError, TopicError
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
-from ml_dash_mcap.write import lock
-from ml_dash_mcap.write import session as place
+from ml_dash_mcap.store import session_lock
 from tests.support import disk
 from tests.support.records import MAGIC, PREFIX_BYTES, Opcode
 
@@ -210,7 +210,7 @@ def test_a_session_file_that_cannot_be_written_leaves_no_buffers_behind(
     def no_room(*_: Any) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(lock.SessionLock, "write", no_room)
+    monkeypatch.setattr(session_lock.SessionLock, "write", no_room)
     with pytest.raises(StorageError):
         Recorder(tmp_path / "run", RecorderOptions(**QUIET, journal_dir=str(journal)))
     assert list(journal.iterdir()) + list((tmp_path / "run").iterdir()) == []

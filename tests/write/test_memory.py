@@ -17,10 +17,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
+from ml_dash_mcap.capture import blocks as blocks_module
+from ml_dash_mcap.capture import merge_block
 from ml_dash_mcap.rows import schema, skeleton
 from ml_dash_mcap.rows.skeleton import Skeletons
-from ml_dash_mcap.write import blocks as blocks_module
-from ml_dash_mcap.write import merging
 from tests.support import disk
 
 MIB = 1024 * 1024
@@ -267,7 +267,7 @@ def raises(error: Exception) -> Callable[..., Any]:
 
 FAILURES = {
     "telling the forms of a block's rows": (blocks_module, "guess"),
-    "merging the rows of a block": (merging, "_are_disjoint"),
+    "merging the rows of a block": (merge_block, "_are_disjoint"),
     "compressing a chunk": (blocks_module, "compressor"),
 }
 

@@ -133,7 +133,7 @@ def test_a_schema_that_outgrows_its_place_begins_a_new_segment(tmp_path: Path) -
 def test_without_room_in_shared_memory_the_journal_lies_beside_the_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ml_dash_mcap.write.session._SHARED_MEMORY", tmp_path / "not there")
+    monkeypatch.setattr("ml_dash_mcap.capture.journal_files._SHARED_MEMORY", tmp_path / "not there")
     with Recorder(tmp_path / "run", RecorderOptions(**SMALL)) as recorder:
         recorder.topic("a").append(i=1, _ts=0.0)
         assert len(list((tmp_path / "run").glob(".ml_dash-*.journal"))) == 4

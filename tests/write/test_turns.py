@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from ml_dash_mcap.write.turns import State, Turns
+from ml_dash_mcap.capture.turn_taking import State, Turns
 
 
 class Clock:

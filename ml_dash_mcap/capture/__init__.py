@@ -1,0 +1,1 @@
+"""What comes after `append`: the journal, its buffers, and the thread that writes them into segments."""

@@ -1,0 +1,120 @@
+"""One buffer of the journal: rows in shared memory, laid out as an MCAP file without an end.
+
+It holds magic, header, a metadata record that says whose it is, schemas, channels, and then messages. A record becomes
+valid with its first byte, which is written last; the byte after the last record is 0, which no MCAP record begins
+with, so neither a half-written record nor one of an earlier use is ever read.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ..mcap.row_arrays import Block
+
+
+class Buffer:
+    """Appending threads fill it under the journal's lock; sealed, it is the writer's alone."""
+
+    __slots__ = (
+        "end",
+        "gaps",
+        "has_extras",
+        "is_large",
+        "is_sealed",
+        "limit",
+        "map",
+        "path",
+        "prologue",
+        "size",
+        "starts",
+        "uniform",
+    )
+
+    def __init__(self, path: Path | None, size: int, *, is_large: bool = False) -> None:
+        """Reserve a buffer.
+
+        Args:
+            path: Its file, which must not be there yet; None makes one that takes nothing.
+            size: In bytes.
+            is_large: Whether it is made for one row, and goes with it.
+
+        Raises:
+            OSError: There is no room for it.
+        """
+        self.path = path
+        self.size = size
+        self.is_large = is_large
+        self.limit = size - 1 if path is not None else -1
+        """The last offset that a record may end at; the byte there stays 0. Below 0: nothing is taken."""
+        self.is_sealed = False
+        """Whether a large one is the writer's already."""
+        self.end = 0
+        """Where the next record goes."""
+        self.prologue = 0
+        """Where the first record after the prologue went."""
+        self.starts: list[int] = []
+        """Where each Message record starts."""
+        self.gaps: list[tuple[int, int, bool]] = []
+        """Start and end of every record that is not a Message, and whether it is a Metadata record."""
+        self.has_extras = False
+        """Whether one of them is a Metadata record."""
+        self.uniform: list[tuple[int, int]] = []
+        """Runs of `starts`, by first index and the one after the last, whose rows are known to be of one form."""
+        self.map = mmap.mmap(-1, mmap.PAGESIZE) if path is None else _reserve(path, size)
+
+    def begin(self, prologue: bytes) -> None:
+        """Make an empty buffer the start of an MCAP file."""
+        self.map[1 : len(prologue)] = prologue[1:]
+        self.map[0] = prologue[0]
+        self.end = self.prologue = len(prologue)
+
+    def clear(self) -> None:
+        """Make it as good as new: invalid first, then all zeros."""
+        self.map[0] = 0
+        np.frombuffer(self.map, np.uint8)[: self.end] = 0  # lets other threads run, unlike a slice of the map
+        self.end = self.prologue = 0
+        self.starts = []
+        self.gaps = []
+        self.has_extras = False
+        self.uniform = []
+
+    def block(self) -> Block:
+        """Return what it holds; its memory must not be given back before that is forgotten."""
+        return Block(
+            np.frombuffer(self.map, np.uint8),
+            self.prologue,
+            self.end,
+            self.starts,
+            [(start, end) for start, end, _ in self.gaps],
+            [(start, end) for start, end, is_extra in self.gaps if is_extra],
+            self.uniform,
+        )
+
+    def discard(self) -> None:
+        """Delete its file and give its memory back."""
+        if self.path is not None:
+            self.path.unlink(missing_ok=True)
+        with contextlib.suppress(BufferError):  # a view is still about; the memory goes with it
+            self.map.close()
+
+
+def _reserve(path: Path, size: int) -> mmap.mmap:
+    """Make a file whose every byte has its place in memory or on disk, so that writing to it cannot fail later."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o600)
+    try:
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(descriptor, 0, size)
+        else:
+            os.write(descriptor, bytes(size))
+        flags = getattr(mmap, "MAP_SHARED", 0) | getattr(mmap, "MAP_POPULATE", 0)
+        return mmap.mmap(descriptor, size, flags=flags) if flags else mmap.mmap(descriptor, size)
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,66 @@
+"""Events that were stamped with the wall clock before the tracks turned out to run on another one."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import clock
+from ..mcap.row_arrays import Rows, replaced
+from ..rows import merge
+from .tracks_clock import NOW_S
+
+WALL_STAMPED = 1
+"""As an event's sequence number in the journal: its time is that of the wall clock, which nobody chose. A row has 0
+there; the true number is given when it goes to the file."""
+
+_NOW_NS = int(NOW_S * clock.NS_PER_S)
+
+_log = logging.getLogger("ml_dash_mcap")
+
+Flags = npt.NDArray[np.bool_]
+
+
+def stamped(rows: Rows, is_track: Flags) -> Flags:
+    """Tell which rows are events at a time that the wall clock gave them, [N]."""
+    events = np.flatnonzero(~is_track)
+    found = np.zeros(len(rows), np.bool_)
+    found[events] = rows.sequences(events) == WALL_STAMPED
+    return found
+
+
+def are_elsewhere(rows: Rows, is_track: Flags, is_stamped: Flags, since_ns: int, now_ns: int) -> bool:
+    """Tell whether the tracks' first rows are all at times that the wall clock did not show while they came in.
+
+    Args:
+        rows: The first ones of tracks, with the events around them, in the order in which they were appended.
+        is_track: Which are rows of tracks, one at least, [N].
+        is_stamped: Which are events at the wall clock's times, [N].
+        since_ns: A time of the wall clock at which there was no row of a track yet, in ns.
+        now_ns: The wall clock, later, in ns.
+    """
+    first = int(is_track.argmax())
+    before = rows.times[:first][is_stamped[:first]]
+    since_ns = max(since_ns, int(before.max())) if len(before) else since_ns
+    low, high = min(since_ns, now_ns), max(since_ns, now_ns)
+    times = rows.times[is_track]
+    return not bool(((times >= low - _NOW_NS) & (times <= high + _NOW_NS)).any())
+
+
+def follow(rows: Rows, is_track: Flags, is_stamped: Flags) -> Rows:
+    """Give each stamped event the time of the row of a track before it, or of the first one where there is none.
+
+    Nothing of an event but its time is changed. One whose time cannot be changed keeps it, and a warning tells.
+    """
+    tracks = np.flatnonzero(is_track)
+    payloads: dict[int, tuple[int, bytes]] = {}
+    for row in np.flatnonzero(is_stamped).tolist():
+        at = tracks[max(int(np.searchsorted(tracks, row)) - 1, 0)]
+        time_ns = int(rows.times[at])
+        try:
+            payloads[row] = (time_ns, merge.with_time(rows.payload(row), clock.to_seconds(time_ns)))
+        except Exception as error:  # an event at the wrong time is worth less than a writer that goes on
+            _log.warning("an event of the recording keeps its wall-clock time: %r", error)
+    return replaced(rows, np.ones(len(rows), np.bool_), payloads) if payloads else rows

@@ -1,0 +1,152 @@
+"""The files of one recorder session besides its segments: its lock, and the buffers of its journal."""
+
+from __future__ import annotations
+
+import errno
+import json
+import math
+import os
+import socket
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from ..errors import StorageError
+from ..file_names import JOURNAL_FILE, SESSION_FILE
+from ..options import RecorderOptions
+from ..store.session_lock import SessionLock
+from .buffer import Buffer
+
+_SHARED_MEMORY = Path("/dev/shm")
+
+
+class SessionFiles:
+    """Made when a recorder opens a run's folder; a crash leaves it behind, for a recovery to find the rows by."""
+
+    def __init__(self, folder: Path, name: str, options: RecorderOptions, about: Mapping[str, str]) -> None:
+        """Lock the session and reserve its buffers.
+
+        Args:
+            folder: The run's folder.
+            name: Of the session.
+            options: The recorder's.
+            about: The constant part of the `ml_dash` metadata record, for a recovery to repeat.
+
+        Raises:
+            StorageError: The folder cannot be written, or there is no room for the backlog.
+        """
+        self.name = name
+        self._folder = folder
+        self._options = options
+        self.place = folder
+        """Where the buffers are."""
+        try:
+            self._lock = SessionLock.create(folder / SESSION_FILE.format(session=name))
+        except OSError as error:
+            what = f"cannot write to the recording's folder: {error.strerror}"
+            raise StorageError(error.errno, what, str(folder)) from error
+        self.buffers: list[Buffer] = []
+        try:
+            self._reserve()
+            self._lock.write(self._describe(about))
+        except OSError as error:
+            self.remove()
+            if isinstance(error, StorageError):
+                raise
+            what = f"cannot write to the recording's folder: {error.strerror}"
+            raise StorageError(error.errno, what, str(folder)) from error
+        except BaseException:
+            self.remove()
+            raise
+
+    def _describe(self, about: Mapping[str, str]) -> bytes:
+        """Say where the buffers are, for whoever comes after a crash."""
+        said = {
+            "session": self.name,
+            "pid": os.getpid(),
+            "host": socket.gethostname(),
+            "journals": str(self._path("*")),
+            "about": dict(about),
+            "path": str(self._lock.path.absolute()),
+            "inode": self._lock.inode,
+        }
+        return json.dumps(said).encode()
+
+    def _path(self, number: object) -> Path:
+        return self.place.absolute() / JOURNAL_FILE.format(session=self.name, number=number)
+
+    def _places(self) -> Iterator[Path]:
+        if self._options.journal_dir is not None:
+            yield Path(self._options.journal_dir)
+            return
+        if _SHARED_MEMORY.is_dir() and os.access(_SHARED_MEMORY, os.W_OK):
+            yield _SHARED_MEMORY
+        yield self._folder
+
+    def _reserve(self) -> None:
+        """Reserve all buffers in the first place that has room for them."""
+        count = self._options.backlog_bytes // self._options.chunk_bytes
+        failures: list[OSError] = []
+        for place in self._places():
+            self.place = place
+            try:
+                _check_room(place, count * self._options.chunk_bytes)
+                while len(self.buffers) < count:
+                    self.buffers.append(Buffer(self._path(len(self.buffers)), self._options.chunk_bytes))
+            except OSError as error:
+                while self.buffers:
+                    self.buffers.pop().discard()
+                failures.append(error)
+                continue
+            return
+        raise StorageError(
+            f"no room for a backlog of {self._options.backlog_bytes} bytes: "
+            + "; ".join(f"{error.filename or 'journal'}: {error.strerror or error}" for error in failures)
+            + " (make room, or set backlog_bytes= or journal_dir=)"
+        ) from failures[-1]
+
+    def make_large(self, size: int) -> Buffer:
+        """Reserve a buffer for one row.
+
+        Raises:
+            OSError: There is no room for it.
+        """
+        return Buffer(self._path(f"large{time.monotonic_ns()}"), size, is_large=True)
+
+    def remove(self) -> None:
+        """Delete everything: all rows are in finished segments."""
+        for buffer in self.buffers:
+            buffer.discard()
+        self._lock.remove()
+
+    def leave_behind(self) -> None:
+        """Let go of the lock and keep the files, for a recovery."""
+        self._lock.release()
+
+
+def _check_room(place: Path, size: int) -> None:
+    """Look before reserving: buffers that nothing can hold would take all memory before the last one fails.
+
+    Args:
+        place: The folder of the buffers.
+        size: Of all of them, in bytes.
+
+    Raises:
+        OSError: The place, or for shared memory the machine, has less.
+    """
+    if hasattr(os, "statvfs"):
+        status = os.statvfs(place)
+        if status.f_blocks and size > status.f_bavail * status.f_frsize:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(place))
+    if place == _SHARED_MEMORY and size > _available_memory():
+        raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM), str(place))
+
+
+def _available_memory() -> float:
+    """Return how much memory programs can still have, in bytes; infinite where the system does not say."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return math.inf
+    kib = [line.split()[1] for line in lines if line.startswith("MemAvailable:")]
+    return int(kib[0]) * 1024 if kib else math.inf

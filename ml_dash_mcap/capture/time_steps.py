@@ -1,0 +1,142 @@
+"""Time that steps back on a topic, counted while rows come in; rows of one time that merge across such a step."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import clock
+from ..file_names import STEPS_RECORD
+from ..mcap import record_bytes
+from ..mcap.row_arrays import Rows
+
+TOLERANCE_S = 0.05
+"""A row whose time lies further than this before that of the row appended before it is a step back, in seconds. Less is
+what threads do that append to one topic: each may be held up between taking its time and appending."""
+
+_TOLERANCE_NS = int(TOLERANCE_S * clock.NS_PER_S)
+
+Passes = npt.NDArray[np.int64]
+
+
+@dataclass(slots=True)
+class Counts:
+    """Of one topic."""
+
+    steps: int = 0
+    """Steps back."""
+    by_ns: int = 0
+    """The largest one."""
+    merged: int = 0
+    """Rows that were merged with one of the same time from before a step back."""
+    overwritten: int = 0
+    """Those of them that brought a field which the earlier row had too."""
+
+    def take(self, other: Counts) -> None:
+        """Add others."""
+        self.steps += other.steps
+        self.by_ns = max(self.by_ns, other.by_ns)
+        self.merged += other.merged
+        self.overwritten += other.overwritten
+
+
+class Steps:
+    """Watches the times of one recorder's tracks, block by block, before rows merge. For the writer thread.
+
+    Merging hides what happened: of three episodes from t = 0 one is left, with the last one's values. So each block
+    in which time steps back has a metadata record in the file, before its chunks. A block's record says nothing of
+    others, so one that is written again, by a recovery, is known by its number.
+    """
+
+    def __init__(self, last_ns: Mapping[int, int] | None = None) -> None:
+        """Begin.
+
+        Args:
+            last_ns: The last time appended to each channel, in ns, where a recovery goes on.
+        """
+        self.totals: dict[int, Counts] = {}
+        """By channel id; read by other threads."""
+        self._last_ns = dict(last_ns or {})
+        self._block: dict[int, Counts] = {}
+        self._passes: Passes | None = None
+
+    def look(self, rows: Rows, tracks: npt.NDArray[np.bool_]) -> None:
+        """Look at a block's rows, in the order in which they were appended.
+
+        Args:
+            rows: Before any are merged.
+            tracks: By channel id, whether it is a track.
+        """
+        self._block = {}
+        self._passes = None
+        order = np.argsort(rows.channels.astype(np.uint16), kind="stable")  # of 16 bits numpy sorts in linear time
+        channels, times = rows.channels[order], rows.times[order]
+        firsts = np.flatnonzero(np.diff(channels, prepend=-1))
+        lasts = np.append(firsts[1:], len(times)) - 1
+        before = np.concatenate((times[:1], times[:-1]))
+        known = zip(channels[firsts].tolist(), times[firsts].tolist(), strict=True)
+        before[firsts] = [self._last_ns.get(number, time_ns) for number, time_ns in known]
+        self._last_ns.update(zip(channels[lasts].tolist(), times[lasts].tolist(), strict=True))
+        by_ns = before - times
+        is_step = (by_ns > _TOLERANCE_NS) & tracks[channels]
+        if not is_step.any():
+            return
+        self._passes = np.empty(len(rows), np.int64)
+        self._passes[order] = np.cumsum(is_step)
+        for number in np.unique(channels[is_step]).tolist():
+            mine = by_ns[is_step & (channels == number)]
+            self._block[number] = Counts(len(mine), int(mine.max()))
+
+    def note_merged(self, channel: int, same: list[int], is_disjoint: bool) -> None:
+        """Take in that rows of one time and channel become one.
+
+        Args:
+            channel: Whose.
+            same: Their numbers in the block.
+            is_disjoint: Whether no two of them have a field in common.
+        """
+        if self._passes is None or channel not in self._block:
+            return
+        rows = len(set(self._passes[same].tolist())) - 1
+        self._block[channel].merged += rows
+        self._block[channel].overwritten += 0 if is_disjoint else rows
+
+    def record(self, number: int, topics: Mapping[int, str], kept: Rows, next_sequence: Mapping[int, int]) -> bytes:
+        """Return the block's metadata record; empty where there is nothing to say.
+
+        Args:
+            number: Of the block.
+            topics: Names by channel id.
+            kept: Its rows after merging.
+            next_sequence: By channel id, how many rows the topic has in files with this block.
+        """
+        said: dict[str, dict[str, int]] = {}
+        for channel in self._hidden(kept):
+            counts = self._block.get(channel, Counts())
+            said[topics[channel]] = {
+                "steps_back": counts.steps,
+                "by_ns": counts.by_ns,
+                "merged": counts.merged,
+                "overwritten": counts.overwritten,
+                "last_ns": self._last_ns[channel],
+                "rows": next_sequence[channel],
+            }
+        return record_bytes.metadata(STEPS_RECORD, {"block": str(number), "topics": json.dumps(said)}) if said else b""
+
+    def _hidden(self, kept: Rows) -> Iterable[int]:
+        """Return the channels with a step back, and those whose last row in the file is not the last one appended."""
+        numbers, at = np.unique(kept.channels[::-1], return_index=True)
+        last_ns = kept.times[::-1][at]
+        for channel, time_ns in zip(numbers.tolist(), last_ns.tolist(), strict=True):
+            if channel in self._block or self._last_ns.get(channel, time_ns) != time_ns:
+                yield channel
+
+    def commit(self) -> None:
+        """Take the block's counts into the totals."""
+        for channel, counts in self._block.items():
+            self.totals.setdefault(channel, Counts()).take(counts)
+        self._block = {}

@@ -1,0 +1,1 @@
+"""One encoding of messages a file: rows to payloads and back, payloads to columns, and schemas."""

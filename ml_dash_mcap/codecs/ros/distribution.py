@@ -1,0 +1,47 @@
+"""Which distribution of ROS 2 a file comes from, for messages that it does not define."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from ...mcap.records import Channel, Metadata
+from . import distros
+from .distros import Likely
+
+RECORD = "rosbag2"
+"""The metadata record of rosbag2, whose values are these."""
+_DISTRO, _METADATA = "ROS_DISTRO", "serialized_metadata"
+
+CHANNEL_KEY = "ros_distro"
+"""What a channel's metadata may say instead."""
+
+_YAML = "metadata.yaml"
+_YAML_BYTES = 1024 * 1024
+
+
+def likely(channel: Channel, records: Iterable[Metadata], path: Path) -> Likely:
+    """Return the distributions that a channel may come from.
+
+    Its own metadata says it, or else the file's, or the `metadata.yaml` of its folder.
+
+    Args:
+        channel: Of messages.
+        records: The file's metadata records.
+        path: Where the file is.
+    """
+    name, version = channel.metadata.get(CHANNEL_KEY), None
+    for values in (record.values for record in records if name is None and record.name == RECORD):
+        stated, found = distros.in_metadata(values.get(_METADATA, ""))
+        name, version = values.get(_DISTRO) or stated or name, found or version
+    if name is None and version is None:
+        name, version = distros.in_metadata(_beside(path))
+    return distros.likely(name, version)
+
+
+def _beside(path: Path) -> str:
+    try:
+        with (path.parent / _YAML).open("rb") as file:
+            return file.read(_YAML_BYTES).decode(errors="replace")
+    except OSError:
+        return ""

@@ -1,0 +1,243 @@
+"""From a ROS message's bytes to a row."""
+
+from __future__ import annotations
+
+import functools
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from ...errors import EncodingError
+from . import definitions, idl
+from .definition_sources import Finder, Supply, is_idl, settled
+from .message_reader import Read, reader
+from .message_types import APPENDABLE, Definitions, canonical
+from .wire import BY_HEAD, CDR, DELIMITED, PARAMETER_LISTS, ROS1, Wire
+
+Row = dict[str, Any]
+Decoder = Callable[[bytes], Any]
+Misfit = Callable[[bytes, ValueError], Any]
+"""Takes a payload that is no such message, and why; what it returns is returned for the message."""
+
+_CDR_HEAD = 4
+_PADDING = 3
+"""Bytes that may follow a CDR message, so that its length is a multiple of 4."""
+
+_TEXT_CHARACTERS = 4 * 1024 * 1024
+"""How long a definition may be, with all that it needs."""
+
+_MD5_OF_NOTHING = "d41d8cd98f00b204e9800998ecf8427e"
+"""What ROS 1 calls a message without fields."""
+
+_NOTHING = Supply()
+
+
+def decoder(
+    name: str,
+    schema_encoding: str,
+    text: str,
+    *,
+    is_ros1: bool = False,
+    supply: Supply = _NOTHING,
+    replaced: Callable[[], object] = lambda: None,
+    misfit: Misfit | None = None,
+) -> Decoder:
+    """Return the function that turns a message's bytes into a row: nested messages are dicts, `uint8[]` is bytes.
+
+    It raises a `ValueError` for bytes that are no such message. A text that is no UTF-8 gets U+FFFD for what is wrong.
+
+    Args:
+        name: What the message is called, such as `sensor_msgs/msg/JointState`.
+        schema_encoding: What `text` is in: "ros1msg", "ros2msg", "ros2idl" or "omgidl".
+        text: Its definition and those that it needs; empty if it has no fields, or if only the supply knows it.
+        is_ros1: Whether the bytes are in ROS 1's serialization format, or else in CDR.
+        supply: Where definitions come from that the text lacks.
+        replaced: Called for each message with a text that is no UTF-8.
+        misfit: What to do with bytes that are no such message, instead of raising an error.
+
+    Raises:
+        EncodingError: The definition is broken, or has what cannot be decoded.
+    """
+    found = definition(name, schema_encoding, text, supply)
+    how = _How(found, replaced, misfit or _refuse)
+    return _ros1(how) if is_ros1 else _cdr(how)
+
+
+@functools.lru_cache(maxsize=256)
+def definition(name: str, schema_encoding: str, text: str, supply: Supply = _NOTHING) -> Definitions:
+    """Return what a message is made of, for which there is a reader.
+
+    The arguments are those of `decoder`.
+
+    Raises:
+        EncodingError: The definition is broken, or has what cannot be decoded.
+    """
+    if len(text) > _TEXT_CHARACTERS:
+        raise EncodingError(f"it is {len(text)} characters long, of {_TEXT_CHARACTERS} at most")
+    find = Finder(supply, name)
+    given = supply.text(name)
+    text_of_recording = given is None
+    if given is not None:
+        text, schema_encoding = given, _language(supply, "ros2idl" if is_idl(given) else "")
+    elif not text.strip(" \t\r\n\0\ufeff"):
+        text, schema_encoding = _looked_up(find, name, schema_encoding), _language(supply, "")
+        text_of_recording = False
+    try:
+        if schema_encoding.endswith("idl") or is_idl(text):
+            found = idl.parse(name, text, is_ros=schema_encoding != "omgidl", find=find)
+        else:
+            found = definitions.parse(name, text, is_ros1=schema_encoding == "ros1msg", find=find)
+            if find.borrowed and text_of_recording and supply.digest:
+                return definition(name, schema_encoding, text, settled(name, text, supply))
+        found = replace(found, guesses=tuple(find.guesses))
+        wire = ROS1 if supply.is_ros1 or schema_encoding == "ros1msg" else CDR
+        _reader(found, replace(wire, is_version_2=True) if found.has_optional() else wire)
+    except RecursionError as error:
+        raise EncodingError(f"{name} is made of more messages in messages than can be followed") from error
+    return found
+
+
+def _language(supply: Supply, otherwise: str) -> str:
+    return otherwise or ("ros1msg" if supply.is_ros1 else "ros2msg")
+
+
+def _looked_up(find: Finder, name: str, schema_encoding: str) -> str:
+    """Return the definition of a message of which a recording has none, or an empty one.
+
+    Raises:
+        EncodingError: Nobody knows it, and it is not known to be empty.
+    """
+    found = find(canonical(name))
+    if found is not None:
+        return found.text
+    if find.digest not in ("", _MD5_OF_NOTHING) or not schema_encoding:
+        raise EncodingError(find.why)
+    return ""
+
+
+class _How(NamedTuple):
+    """What the messages of a definition are decoded with."""
+
+    found: Definitions
+    replaced: Callable[[], object]
+    misfit: Misfit
+
+    def again(self, wire: Wire, payload: bytes, at: int, default: str = "final") -> tuple[Any, int]:
+        """Read a message with a text that is no UTF-8; returns its row and the place behind it."""
+        read = _reader(self.found, wire, default, True)(payload, at)
+        self.replaced()
+        return read
+
+
+def _refuse(payload: bytes, why: ValueError) -> Row:
+    raise why
+
+
+def _ros1(how: _How) -> Decoder:
+    """Decode ROS 1's format."""
+    read = _reader(how.found, ROS1)
+
+    def decode(payload: bytes) -> Any:
+        try:
+            try:
+                row, end = read(payload, 0)
+            except UnicodeDecodeError:
+                row, end = how.again(ROS1, payload, 0)
+            if end == len(payload):
+                return row
+            why = _wrong_length(payload, end)
+        except (ValueError, struct.error) as error:
+            why = _as_value_error(payload, error)
+        return how.misfit(payload, why)
+
+    return decode
+
+
+def _cdr(how: _How) -> Decoder:
+    """Decode CDR, in the form that the message says."""
+    is_empty = not how.found.messages[how.found.root]
+    little = None if how.found.has_optional() else _reader(how.found, CDR)
+
+    def decode(payload: bytes) -> Any:
+        try:
+            if payload[:2] != b"\0\1" or little is None:
+                return _other_cdr(how, payload)
+            try:
+                row, end = little(payload, _CDR_HEAD)
+            except UnicodeDecodeError:
+                row, end = how.again(CDR, payload, _CDR_HEAD)
+            if end <= len(payload) <= end + _PADDING:
+                return row
+            why = _wrong_length(payload, end)
+        except (ValueError, struct.error) as error:
+            why = _as_value_error(payload, error)
+        if is_empty and _CDR_HEAD <= len(payload) <= _CDR_HEAD + 1 + _PADDING:  # with or without ROS's byte
+            return {}
+        return how.misfit(payload, why)
+
+    return decode
+
+
+def _other_cdr(how: _How, payload: bytes) -> Row:
+    """Decode CDR that is not what ROS 2 sends; where the definition leaves two ways to read it, only one may fit."""
+    head = payload[:2]
+    wire = BY_HEAD.get(head)
+    if wire is None:
+        kind = "a list of parameters" if head in PARAMETER_LISTS else "nothing that is known"
+        raise ValueError(f"it starts with {payload[:_CDR_HEAD]!r}, which announces {kind}, no plain CDR")
+    rows: list[Row] = []
+    why: Exception | None = None
+    for default in _defaults(how.found, head, wire):
+        try:
+            try:
+                row, end = _reader(how.found, wire, default)(payload, _CDR_HEAD)
+            except UnicodeDecodeError:
+                row, end = how.again(wire, payload, _CDR_HEAD, default)
+            if not end <= len(payload) <= end + _PADDING:
+                raise _wrong_length(payload, end)
+            if not rows or repr(rows[0]) != repr(row):
+                rows.append(row)
+        except (ValueError, struct.error) as error:
+            why = _as_value_error(payload, error)
+    if len(rows) > 1:
+        raise ValueError("it can be read in two ways, and its definition does not say which structs are appendable")
+    if why is not None and not rows:
+        raise why
+    return rows[0]
+
+
+def _defaults(found: Definitions, head: bytes, wire: Wire) -> Sequence[str]:
+    """Return what messages may be whose definition does not say whether they are appendable.
+
+    Raises:
+        ValueError: The message is announced as what its definition says that it is not.
+    """
+    if not wire.is_version_2:
+        return ("final",)
+    root = APPENDABLE if head in DELIMITED else "final"
+    stated = found.extensibility.get(found.root)
+    if stated is None:
+        return (root,)
+    if stated != root:
+        raise ValueError(f"it starts with {head!r}, which announces a message that is {root}, and it is {stated}")
+    return (root,) if found.extensibility.keys() >= found.messages.keys() else ("final", APPENDABLE)
+
+
+def _reader(found: Definitions, wire: Wire, default: str = "final", replaces: bool = False) -> Read:
+    """Return the reader of a message, which is compiled once."""
+    key = (wire, default, replaces)
+    read = found.readers.get(key)
+    if read is None:
+        read = found.readers[key] = reader(found, wire, default=default, replaces=replaces)
+    return read
+
+
+def _as_value_error(payload: bytes, error: Exception) -> ValueError:
+    if isinstance(error, ValueError):
+        return error
+    return ValueError(f"it ends, after {len(payload)} bytes, before its definition does")
+
+
+def _wrong_length(payload: bytes, end: int) -> ValueError:
+    return ValueError(f"it is {len(payload)} bytes long and its definition ends after {end}")

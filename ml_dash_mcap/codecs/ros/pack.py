@@ -1,0 +1,280 @@
+"""Many messages at once to bytes, as columns: CDR, which ROS 2 speaks, or the serialisation of ROS 1.
+
+Where all messages have one size, they are the rows of a matrix of bytes into which whole columns are written;
+otherwise each message has a place of its own in one long array. The walk over the type is the same.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from .message_columns import (
+    Array,
+    Column,
+    Constant,
+    Indices,
+    Number,
+    Ragged,
+    Sequence,
+    Struct,
+    Text,
+    Type,
+    pick,
+    spread,
+)
+
+Bytes = npt.NDArray[np.uint8]
+Places = Any
+"""Bytes from a message's start: one number for all messages, or one each, [N]."""
+
+CDR_HEAD = b"\x00\x01\x00\x00"
+"""Little-endian plain CDR (https://www.omg.org/spec/DDSI-RTPS/2.2 section 10.2)."""
+
+_U32 = np.dtype("<u4")
+
+
+class Packed(NamedTuple):
+    """Messages as bytes."""
+
+    data: Bytes
+    """One after the other, each with `room` before it."""
+    starts: Indices
+    """Where in `data` each message's room starts, [N]."""
+    sizes: Indices
+    """Bytes of each message, without its room, [N]."""
+
+    def slice(self, start: int, end: int) -> Packed:
+        """Return some of the messages, from a number on and before another, without a copy."""
+        first = int(self.starts[start])
+        last = int(self.starts[end]) if end < len(self.starts) else len(self.data)
+        return Packed(self.data[first:last], self.starts[start:end] - first, self.sizes[start:end])
+
+    def messages(self, room: int = 0) -> list[bytes]:
+        """Return each message's bytes."""
+        whole = self.data.tobytes()
+        ends = (self.starts + self.sizes + room).tolist()
+        return [whole[start + room : end] for start, end in zip(self.starts.tolist(), ends, strict=True)]
+
+
+_LARGE_BYTES = 256
+"""Longer values, such as images, are copied one by one, for which no index of every byte is needed."""
+
+
+class _Piece(NamedTuple):
+    rows: Indices | None
+    """Of which messages; None for all."""
+    place: Places
+    data: Any
+    """The same bytes for all, or [N, size], or Ragged."""
+
+
+def pack(type_: Struct, column: Column, count: int, *, is_ros1: bool = False, room: int = 0) -> Packed:
+    """Serialise messages.
+
+    Args:
+        type_: Of the messages.
+        column: Their values.
+        count: How many.
+        is_ros1: Whether as ROS 1 does it, instead of CDR with its head.
+        room: How many zero bytes to leave before each message.
+    """
+    walk = _Walk(count, None, room, is_ros1)
+    if not is_ros1:
+        walk.same(CDR_HEAD)
+        walk.origin = walk.place
+    walk.put(type_, column)
+    if isinstance(walk.place, int):
+        return _matrix(walk.pieces, count, walk.place, room)
+    return _scattered(walk.pieces, walk.place, room)
+
+
+class _Walk:
+    """Goes through a type once and collects what to write where."""
+
+    def __init__(self, count: int, rows: Indices | None, place: Places, is_ros1: bool) -> None:
+        self.count = count
+        self.rows = rows
+        self.place: Places = place
+        self.origin = place if isinstance(place, int) else 0
+        """Where alignment counts from."""
+        self.is_ros1 = is_ros1
+        self.pieces: list[_Piece] = []
+
+    def put(self, type_: Type, column: Column) -> None:
+        if isinstance(column, Constant) and isinstance(self.place, int) and self.count > 1:
+            self._put_same(type_, column)
+            return
+        column = spread(column, type_, self.count)
+        if isinstance(type_, Struct):
+            for name, inner in type_.fields:
+                self.put(inner, column[name])
+        elif isinstance(type_, Number):
+            self._numbers(np.asarray(column).reshape(self.count, 1), type_.dtype)
+        elif isinstance(type_, Text):
+            self._text(column)
+        elif isinstance(type_, Array) and isinstance(type_.item, Number):
+            self._numbers(column, type_.item.dtype)
+        elif isinstance(type_.item, Number):
+            if isinstance(column, np.ndarray):
+                self._length(np.full(self.count, column.shape[1]))
+                self._numbers(column, type_.item.dtype)
+            else:
+                self._sequence(column, type_.item.dtype)
+        else:
+            self._items(type_, column)
+
+    def same(self, data: bytes) -> None:
+        self._add(data, len(data))
+
+    def _put_same(self, type_: Type, column: Constant) -> None:
+        """Put what all messages have, by way of one message."""
+        one = _Walk(1, None, self.place, self.is_ros1)
+        one.origin = self.origin
+        one.put(type_, column)
+        assert isinstance(one.place, int)
+        for _, place, data in one.pieces:
+            self.pieces.append(_Piece(self.rows, place, data if isinstance(data, bytes) else data.tobytes()))
+        self.place = one.place
+
+    def _numbers(self, values: npt.NDArray[Any], dtype: np.dtype[Any]) -> None:
+        if not values.shape[1]:
+            return
+        self.place = self._aligned(dtype.itemsize)
+        if values.strides[0] == 0 and self.count:
+            self.same(np.ascontiguousarray(values[0], dtype).tobytes())
+            return
+        data = np.ascontiguousarray(values, dtype).view(np.uint8).reshape(self.count, -1)
+        self._add(data, data.shape[1])
+
+    def _text(self, column: Ragged) -> None:
+        end = b"" if self.is_ros1 else b"\0"
+        self._length(column.lengths + len(end))
+        self._ragged(column)
+        if end:
+            self.same(end)
+
+    def _sequence(self, column: Ragged, dtype: np.dtype[Any]) -> None:
+        self._length(column.lengths)
+        length = _one(column.lengths)
+        if length is None:
+            self.place = np.where(column.lengths > 0, self._aligned(dtype.itemsize), self.place)
+        elif length:
+            self.place = self._aligned(dtype.itemsize)
+        items = np.ascontiguousarray(column.items, dtype).view(np.uint8)
+        size = dtype.itemsize
+        self._ragged(Ragged(items, column.starts * size, column.lengths * size))
+
+    def _items(self, type_: Array | Sequence, column: Ragged) -> None:
+        """Put items that are texts, messages or lists, the first of all messages, then the second, and so on."""
+        if isinstance(type_, Sequence):
+            self._length(column.lengths)
+        for number in range(int(column.lengths.max(initial=0))):
+            having = np.flatnonzero(column.lengths > number)
+            item = pick(column.items, column.starts[having] + number)
+            if len(having) == self.count:
+                self.put(type_.item, item)
+                continue
+            places = np.broadcast_to(np.asarray(self.place), (self.count,)).astype(np.int64)
+            rows = having if self.rows is None else self.rows[having]
+            inner = _Walk(len(having), rows, places[having], self.is_ros1)
+            inner.origin = self.origin
+            inner.put(type_.item, item)
+            self.pieces += inner.pieces
+            places[having] = inner.place
+            self.place = places
+
+    def _length(self, lengths: Indices) -> None:
+        self.place = self._aligned(4)
+        length = _one(lengths)
+        if length is not None:
+            self.same(length.to_bytes(4, "little"))
+            return
+        self._add(lengths.astype(_U32).view(np.uint8).reshape(-1, 4), 4)
+
+    def _ragged(self, column: Ragged) -> None:
+        length = _one(column.lengths)
+        if length is None:
+            self.pieces.append(_Piece(self.rows, self.place, column))
+            self.place = self.place + column.lengths
+        elif length:
+            if self.count and _one(column.starts) is not None:
+                self.same(column.items[int(column.starts[0]) :][:length].tobytes())
+            else:
+                self._add(_block(column, length), length)
+
+    def _add(self, data: Any, size: int) -> None:
+        self.pieces.append(_Piece(self.rows, self.place, data))
+        self.place = self.place + size
+
+    def _aligned(self, size: int) -> Places:
+        if self.is_ros1 or size == 1:
+            return self.place
+        return ((self.place - self.origin + size - 1) & -size) + self.origin
+
+
+def _one(values: Indices) -> int | None:
+    """Return the value that all have, or None."""
+    if not len(values):
+        return 0
+    first = int(values[0])
+    return first if bool((values == first).all()) else None
+
+
+def _block(column: Ragged, length: int) -> Bytes:
+    """Return values of one length as a matrix."""
+    count = len(column.starts)
+    first = int(column.starts[0])
+    if bool((column.starts == first + np.arange(count) * length).all()):
+        block: Bytes = column.items[first : first + count * length].reshape(count, length)
+        return block
+    gathered: Bytes = column.items[column.starts[:, None] + np.arange(length)]
+    return gathered
+
+
+def _matrix(pieces: list[_Piece], count: int, size: int, room: int) -> Packed:
+    """Write messages of one size."""
+    template = bytearray(size)
+    for _, place, data in pieces:
+        if isinstance(data, bytes):
+            template[place : place + len(data)] = data
+    whole = np.empty((count, size), np.uint8)
+    whole[:] = np.frombuffer(bytes(template), np.uint8)
+    for _, place, data in pieces:
+        if not isinstance(data, bytes):
+            whole[:, place : place + data.shape[1]] = data
+    starts = np.arange(count, dtype=np.int64) * size
+    return Packed(whole.reshape(-1), starts, np.full(count, size - room, np.int64))
+
+
+def _scattered(pieces: list[_Piece], ends: Indices, room: int) -> Packed:
+    """Write messages of various sizes."""
+    starts = np.cumsum(ends) - ends
+    whole = np.zeros(int(ends.sum()), np.uint8)
+    for rows, place, data in pieces:
+        at = (starts if rows is None else starts[rows]) + place
+        if isinstance(data, Ragged):
+            _copy(data, whole, at)
+        else:
+            block = np.frombuffer(data, np.uint8)[None, :] if isinstance(data, bytes) else data
+            whole[at[:, None] + np.arange(block.shape[1])] = block
+    return Packed(whole, starts, ends - room)
+
+
+def _copy(data: Ragged, whole: Bytes, places: Indices) -> None:
+    """Write values of various lengths to their places."""
+    if int(data.lengths.sum()) < _LARGE_BYTES * len(data.lengths):
+        whole[_ranges(places, data.lengths)] = data.items[_ranges(data.starts, data.lengths)]
+        return
+    for at, start, length in zip(places.tolist(), data.starts.tolist(), data.lengths.tolist(), strict=True):
+        whole[at : at + length] = data.items[start : start + length]
+
+
+def _ranges(starts: Indices, lengths: Indices) -> Indices:
+    """Return all numbers of the ranges, one range behind the other."""
+    ends = np.cumsum(lengths)
+    total = int(ends[-1]) if len(ends) else 0
+    ranges: Indices = np.repeat(starts - ends + lengths, lengths) + np.arange(total)
+    return ranges

@@ -1,0 +1,187 @@
+"""What ROS's own messages are made of, and the hashes by which ROS knows a type; rosbags has them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, NamedTuple
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from ...errors import ConversionError, EncodingError
+from . import distros
+from .distros import Likely
+from .message_columns import Struct, from_definitions
+
+_TF = "tf2_msgs/msg/TFMessage"
+_TF_OLD = "tf/msg/tfMessage"
+_TF_TEXT = "geometry_msgs/TransformStamped[] transforms\n"
+
+
+class Definition(NamedTuple):
+    """A type as a bag describes it."""
+
+    text: str
+    """Its definition, followed by those of the messages in it."""
+    digest: str
+    """ "RIHS01_..." in ROS 2, an MD5 sum in ROS 1."""
+
+
+@cache
+def store(*, is_ros1: bool = False) -> Typestore:
+    """Return the standard messages of a generation of ROS."""
+    found = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_JAZZY)
+    for name in (_TF, _TF_OLD) if is_ros1 else ():  # which rosbags lacks
+        found.register(get_types_from_msg(_TF_TEXT, name))
+    return found
+
+
+def struct(name: str, *, is_ros1: bool = False) -> Struct:
+    """Return the type of a standard message.
+
+    Raises:
+        ConversionError: ROS has no such message.
+    """
+    found = store(is_ros1=is_ros1)
+    if name not in found.fielddefs:
+        raise ConversionError(f"{name!r} is no standard message of ROS")
+
+    def fields(inner: str) -> Iterator[tuple[str, Any]]:
+        return iter(found.fielddefs[inner][1])
+
+    return from_definitions(fields, name)
+
+
+@cache
+def definition(name: str, *, is_ros1: bool = False) -> Definition:
+    """Return how a bag describes a standard message."""
+    found = store(is_ros1=is_ros1)
+    text, md5 = found.generate_msgdef(name, ros_version=1 if is_ros1 else 2)
+    return Definition(text, md5 if is_ros1 else found.hash_rihs01(name))
+
+
+class Known(NamedTuple):
+    """A standard message as a distribution of ROS has it."""
+
+    text: str
+    """Its definition, followed by those of the messages in it."""
+    distro: str
+    others: tuple[str, ...]
+    """The distributions that it may as well be of, and that have other fields."""
+
+
+def known(name: str, *, distro: str | None = None, is_ros1: bool = False, digest: str = "") -> str:
+    """Return the definition of a standard message, for bags that do not have it: `find` for those that know no more.
+
+    Raises:
+        EncodingError: No distribution has it.
+    """
+    return find(name, distros.likely(distro), is_ros1=is_ros1, digest=digest).text
+
+
+def find(name: str, likely: Likely, *, is_ros1: bool = False, digest: str = "") -> Known:
+    """Return the definition of a standard message, for bags that do not have it.
+
+    Args:
+        name: With its package, such as "sensor_msgs/Range".
+        likely: The distributions of ROS 2 to look at.
+        is_ros1: Whether it is ROS 1, of which Noetic is looked at.
+        digest: What the bag says of the type: "RIHS01_...", or an MD5 sum in ROS 1; empty if it does not.
+
+    Raises:
+        EncodingError: No distribution has it, or has it with that digest.
+    """
+    parts = name.split("/")
+    full = f"{parts[0]}/msg/{parts[-1]}"
+    if is_ros1:
+        return _find_ros1(full, digest)
+    having = [one for one in likely.names if full in _distribution(one).fielddefs]
+    if not having:
+        raise EncodingError("the recording does not define it, and it is no standard message")
+    if digest.startswith(_RIHS):
+        same = [one for one in having if _rihs(one, full) == digest]
+        if not same:
+            raise EncodingError(f"the recording does not define it, and no distribution has one with the hash {digest}")
+        return Known(_text(same[0], full), same[0], ())
+    chosen = having[0]
+    layout = _layout(chosen, full)
+    others = [one for one in likely.names[: likely.certain] if one in having and _layout(one, full) != layout]
+    return Known(_text(chosen, full), chosen, tuple(others))
+
+
+def _find_ros1(full: str, digest: str) -> Known:
+    found = store(is_ros1=True)
+    if full not in found.fielddefs:
+        raise EncodingError("the recording does not define it, and it is no standard message of ROS 1")
+    text, md5 = found.generate_msgdef(full, ros_version=1)
+    if digest not in ("", "*", md5):
+        raise EncodingError(f"the recording does not define it, and that of Noetic has the MD5 sum {md5}, not {digest}")
+    return Known(text, "noetic", ())
+
+
+_RIHS = "RIHS01_"
+
+
+@cache
+def _distribution(name: str) -> Typestore:
+    return get_typestore(Stores(f"ros2_{name}"))
+
+
+@cache
+def _text(distro: str, full: str) -> str:
+    return _distribution(distro).generate_msgdef(full, ros_version=2)[0]
+
+
+@cache
+def _rihs(distro: str, full: str) -> str:
+    """Return the hash of a type as ROS has it."""
+    own = get_typestore(Stores.EMPTY)
+    own.register(get_types_from_msg(_without_char(_text(distro, full)), full))
+    return own.hash_rihs01(full)
+
+
+@cache
+def _layout(distro: str, full: str) -> Any:
+    """Return what a message is made of, without its constants: the same for two if they have the same bytes."""
+    found = _distribution(distro)
+
+    def described(kind: Any, what: Any) -> Any:
+        if int(kind) == 2:
+            return _layout(distro, what)
+        return (int(kind), what) if int(kind) == 1 else (int(kind), described(*what[0]), what[1])
+
+    return tuple((field, described(*what)) for field, what in found.fielddefs[full][1])
+
+
+def digest_of_others(name: str, text: str, *, is_ros1: bool = False) -> str | None:
+    """Return the hash of a type of others, as `digest` does; None where rosbags cannot say it."""
+    parts = name.split("/")
+    full = f"{parts[0]}/msg/{parts[-1]}" if is_ros1 or len(parts) < 3 else name
+    try:
+        return digest(full, text if is_ros1 else _without_char(text), is_ros1=is_ros1)
+    except Exception:  # rosbags raises errors of several trees, AssertionError among them
+        return None
+
+
+def _without_char(text: str) -> str:
+    """Return a definition as rosidl has it, for which a `char` is a `uint8`."""
+    return re.sub(r"^char\b", "uint8", text, flags=re.MULTILINE)
+
+
+def digest(name: str, text: str, *, is_ros1: bool = False) -> str:
+    """Return the hash of a type of our own.
+
+    Args:
+        name: With its package, such as "ml_dash_msgs/msg/Robot".
+        text: Its definition, followed by those of the messages in it.
+        is_ros1: Whether to return ROS 1's MD5 sum, instead of ROS 2's RIHS01.
+    """
+    own = get_typestore(Stores.EMPTY)
+    own.register(get_types_from_msg(text, name))
+    if is_ros1:
+        time = "builtin_interfaces/msg/Time"
+        own.register({time: store(is_ros1=True).fielddefs[time]})
+        return own.generate_msgdef(name, ros_version=1)[1]
+    return own.hash_rihs01(name)

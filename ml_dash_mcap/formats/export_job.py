@@ -1,0 +1,93 @@
+"""What to export, and where to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ..inspect.topics import TopicInfo
+from ..query.file import File
+from ..rows.lazy_mapping import Lookup
+from .topic_part import Selection
+
+Progress = Callable[[int, int], object]
+"""Called now and then with the rows done and the rows in all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One call of `Recording.export`: some topics of a recording, a time range, a destination."""
+
+    dest: Path
+    """Where the result goes; nothing is there yet."""
+    files: Sequence[File]
+    """Of the recording, in the order of writing."""
+    topics: Mapping[str, TopicInfo]
+    """Those to export, by name; each is looked up when it is asked for."""
+    low: float = -math.inf
+    """First time stamp, in s."""
+    high: float = math.inf
+    """Last time stamp, included, in s."""
+    about: Mapping[str, Any] = field(default_factory=dict)
+    """What is known of the run: `params`, and what `Recording.run` says."""
+    progress: Progress | None = None
+
+    def selection(self, topic: str, columns: Sequence[str] | None = None) -> Selection:
+        """Return the part of a topic that is to be exported."""
+        return Selection(self.files, topic, self.low, self.high, columns)
+
+    def without(self, topics: Collection[str]) -> Job:
+        """Return the same for all topics but some."""
+        names = [name for name in self.topics if name not in topics]
+        return replace(self, topics=Lookup("topic", names, self.topics.__getitem__))
+
+    def counter(self) -> Counter:
+        """Return what counts rows for `progress`."""
+        return Counter(self.progress, sum(info.count for info in self.topics.values()) if self.progress else 0)
+
+
+class Counter:
+    """Counts the rows that are done and reports them."""
+
+    def __init__(self, progress: Progress | None, total: int) -> None:
+        self._progress = progress
+        self._total = total
+        self._done = 0
+
+    def add(self, rows: int) -> None:
+        """So many more rows are done."""
+        self._done += rows
+        if self._progress is not None:
+            self._progress(min(self._done, self._total), self._total)
+
+    def finish(self) -> None:
+        """All are done, although a time range may have left some out."""
+        if self._progress is not None:
+            self._progress(self._total, self._total)
+
+
+class Steps:
+    """Counts rows once, although an export may have to begin again."""
+
+    def __init__(self, counter: Counter) -> None:
+        self._counter = counter
+        self._done = 0
+        self._most = 0
+
+    def begin(self) -> None:
+        """Count from the first row again."""
+        self._done = 0
+
+    def add(self, rows: int) -> None:
+        """So many more rows are done."""
+        self._done += rows
+        if self._done > self._most:
+            self._counter.add(self._done - self._most)
+            self._most = self._done
+
+    def finish(self) -> None:
+        """All are done."""
+        self._counter.finish()

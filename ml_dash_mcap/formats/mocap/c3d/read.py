@@ -1,0 +1,224 @@
+"""C3D files: markers, model outputs, rotations of bodies, analog channels."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from ....errors import ConversionWarning, ForeignFileError
+from ....meaning.mocap_objects import MARKERS_TOPIC
+from ....meaning.space import DECIMALS, turned, turned_rotations, unit_of
+from ....recorder import Recorder
+from ....rows import rotations
+from ...readers import Progress
+from ...text.headers import check_on_bad, unit_of_length
+from ...text.number_cells import Floats
+from .. import placement
+from ..placement import Note
+from ..track_rows import Arrays
+from . import contents, frame_data, parameters
+from .contents import Layout
+from .frame_data import Data, Frames
+from .parameters import Head
+
+GROUP = "ML_DASH"
+_MAGIC = 0x50
+_ROWS = 4096
+
+
+def detect(path: Path) -> str | None:
+    """Return "c3d" for a C3D file."""
+    if path.suffix.lower() != ".c3d" or not path.is_file():
+        return None
+    with path.open("rb") as file:
+        return "c3d" if file.read(2)[1:] == bytes((_MAGIC,)) else None
+
+
+def record(
+    src: Path,
+    recorder: Recorder,
+    *,
+    progress: Progress | None = None,
+    on_bad: str = "raise",
+    start: float | None = None,
+    topic: str = MARKERS_TOPIC,
+    length_units: str | None = None,
+) -> None:
+    """Append a C3D file, in metres: one topic with `markers` by name; `set:name` is a marker of the topic `set`.
+
+    Points that the file names as angles, forces, moments, powers or scalars are fields of the topic `model_outputs`, in
+    the unit of the file. Rotations are topics with `pos` and `quat`. Analog channels are fields of the topic `analog`,
+    at their own rate, in their own units. A file that this library wrote becomes the topics and fields that it was
+    written from, to float32.
+
+    Args:
+        src: The file.
+        recorder: Where its rows go.
+        progress: Called now and then with the rows done and the rows in all.
+        on_bad: What to do with a file that ends too early: "raise", or "missing" to read what it has and warn.
+        start: The time stamp of its first frame, in s; the file does not say it.
+        topic: The topic of markers that belong to no set.
+        length_units: Of the file, instead of what it says.
+
+    Raises:
+        ForeignFileError: The file is damaged, or its unit is not known.
+    """
+    check_on_bad(on_bad)
+    if not src.stat().st_size:
+        raise ForeignFileError(src, "it is no whole C3D file: it is empty")
+    raw = memoryview(cast(Any, np.memmap(src, np.uint8, "r")))
+    head = parameters.read(src, raw)
+    data, is_cut = frame_data.lay_out(src, head, raw, is_lenient=on_bad == "missing")
+    if is_cut:
+        warnings.warn(
+            f"{src}: it ends after {data.count} whole frames; those are read", ConversionWarning, stacklevel=2
+        )
+    matrices, ratio = frame_data.rotations(src, head, raw, data.count)
+    width = 3 * head.points + 4 * matrices.shape[1] + data.channels
+    note = _note(head, width) if data.samples <= 1 and ratio == 1 else None
+    unit = _unit(src, head, length_units)
+    take = _Take(src, recorder, head, data, raw, matrices, ratio, unit, start)
+    if note is not None:
+        take.restore(note, progress)
+    else:
+        take.append(contents.lay_out(head, data, matrices.shape[1], unit, topic), progress)
+
+
+@dataclass(frozen=True, slots=True)
+class _Take:
+    """One file on its way into a recorder."""
+
+    path: Path
+    recorder: Recorder
+    head: Head
+    data: Data
+    raw: memoryview
+    matrices: Floats
+    """Of the bodies, [N * ratio, B, 4, 4]."""
+    ratio: int
+    unit: str
+    start: float | None
+
+    def append(self, layout: Layout, progress: Progress | None) -> None:
+        """Append a file of another tool."""
+        origin = self.start or 0.0
+        count = self.data.count
+        points = layout.points and Arrays(self.path, self.recorder, layout.points, layout.metadata)
+        analog = layout.channels and Arrays(self.path, self.recorder, layout.channels, layout.metadata)
+        hz = self._rate("POINT") if count and (layout.points or layout.bodies) else 0.0
+        analog_hz = self._analog_rate(hz) if layout.channels else 0.0
+        for first, frames in self._frames():
+            stop = first + len(frames.points)
+            if points:
+                numbers = frames.points.reshape(stop - first, -1).copy()
+                numbers[:, layout.lengths] /= 10.0 ** DECIMALS[self.unit]
+                points.append(origin + np.arange(first, stop) / hz, numbers)
+            if analog:
+                samples = np.arange(first * self.data.samples, stop * self.data.samples)
+                values = frames.analogs * 10.0 ** np.array(layout.channel_shifts, np.float64)
+                analog.append(origin + samples / analog_hz, values)
+            if progress is not None:
+                progress(stop, count)
+        if layout.bodies:
+            self._append_bodies(layout, origin, hz)
+
+    def _append_bodies(self, layout: Layout, origin: float, hz: float) -> None:
+        bodies = Arrays(self.path, self.recorder, layout.bodies, layout.metadata)
+        rate = self.head.one("ROTATION", "RATE") or hz * self.ratio
+        places = self.matrices[:, :, :3, 3] / 10.0 ** DECIMALS[layout.rotation_unit]
+        numbers = np.concatenate((_turns(self.matrices), places.reshape(len(places), -1)), axis=1)
+        for first in range(0, len(numbers), _ROWS):
+            part = numbers[first : first + _ROWS]
+            bodies.append(origin + np.arange(first, first + len(part)) / rate, part)
+
+    def restore(self, note: Note, progress: Progress | None) -> None:
+        """Append a file of this library: the topics and fields that it was written from."""
+        origin = note.origin if self.start is None else self.start
+        hz, bodies = self._rate("POINT"), self.matrices.shape[1]
+        more = {"time_source": f"frame numbers at {hz!r} Hz"}
+        metadata = {topic: {**one, **more} for topic, one in note.metadata.items()}
+        arrays = Arrays(self.path, self.recorder, note.placements, metadata, skip_empty=True)
+        for first, frames in self._frames():
+            stop = first + len(frames.points)
+            turns = _turns(self.matrices[first:stop]) if bodies else np.empty((stop - first, 0))
+            channels = frames.analogs.reshape(stop - first, -1)
+            numbers = np.concatenate((frames.points.reshape(stop - first, -1), turns, channels), axis=1)
+            _turn_back(numbers, note, self.head.points, bodies, self.unit)
+            arrays.append(origin + np.arange(first, stop) / hz, numbers)
+            if progress is not None:
+                progress(stop, self.data.count)
+
+    def _frames(self) -> Iterator[tuple[int, Frames]]:
+        return frame_data.parts(self.data, self.raw, _ROWS)
+
+    def _rate(self, group: str) -> float:
+        """Return a rate in Hz; that of points stands in the header too."""
+        stated = self.head.one(group, "RATE")
+        rate = stated if stated and stated > 0 else self.head.rate if group == "POINT" else 0.0
+        if not 0 < rate < 1e9:
+            raise ForeignFileError(self.path, f"{group}:RATE is {stated}, which is no rate in Hz")
+        exact = _exact_rate(self.head) if group == "POINT" else None
+        return exact if exact is not None and np.float32(exact) == np.float32(rate) else rate
+
+    def _analog_rate(self, hz: float) -> float:
+        """Return the rate of analog channels: a whole number of samples a frame, unless there is no frame's rate."""
+        stated = self.head.one("ANALOG", "RATE")
+        frames = hz or self.head.one("POINT", "RATE") or self.head.rate
+        from_frames = frames * self.data.samples
+        if stated and stated > 0 and (self.data.samples > 1 or not from_frames > 0):
+            return stated
+        return from_frames if from_frames > 0 else self._rate("ANALOG")
+
+
+def _unit(path: Path, head: Head, asked: str | None) -> str:
+    stated = next(iter(head.text("POINT", "UNITS")), "")
+    if stated or asked is not None:
+        return unit_of_length(path, stated, asked, "POINT:UNITS")
+    if head.points:
+        warnings.warn(
+            f"{path}: it does not say the unit of its points, so they are taken for millimetres; pass length_units=",
+            ConversionWarning,
+            stacklevel=3,
+        )
+    return "mm"
+
+
+def _exact_rate(head: Head) -> float | None:
+    """Return the rate that this library wrote as text, for the file has it as float32."""
+    try:
+        return float(head.text(GROUP, "RATE")[0])
+    except (IndexError, ValueError):
+        return None
+
+
+def _note(head: Head, columns: int) -> Note | None:
+    return placement.from_text("".join(head.text(GROUP, "NOTE")), columns)
+
+
+def _turns(matrices: Floats) -> Floats:
+    """Return the quaternions of the bodies, [N, 4 B], of their matrices, [N, B, 4, 4]."""
+    count, bodies = matrices.shape[:2]
+    turns, bad = rotations.of_matrices(matrices[:, :, :3, :3].reshape(-1, 3, 3))
+    turns[bad] = np.nan
+    return turns.reshape(count, 4 * bodies)
+
+
+def _turn_back(numbers: Floats, note: Note, points: int, bodies: int, unit: str) -> None:
+    """Give numbers the units and axes that they had when they were recorded, in place."""
+    topics = {at: one for one in note.placements for at in one.columns}
+    for at in range(0, 3 * points, 3):
+        one = topics.get(at)
+        said = note.metadata.get(one.topic, {}) if one else {}
+        own = unit_of(said, ".".join(one.path)) if one else "m"
+        numbers[:, at : at + 3] *= 10.0 ** (DECIMALS[own] - DECIMALS[unit])
+        if note.up is not None:
+            numbers[:, at : at + 3] = turned(numbers[:, at : at + 3], note.up, str(said.get("up", "z")).lower())
+    for at in range(3 * points, 3 * points + 4 * bodies, 4):
+        up = str(note.metadata.get(topics[at].topic, {}).get("up", "z")).lower() if at in topics else "z"
+        if note.up is not None:
+            numbers[:, at : at + 4] = turned_rotations(numbers[:, at : at + 4], note.up, up)

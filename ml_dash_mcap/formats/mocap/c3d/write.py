@@ -1,0 +1,165 @@
+"""C3D files, written by ezc3d: points, rotations of bodies, joints as analog channels (c3d.org, User Guide)."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ....errors import ConversionError, ConversionWarning, FormatError
+from ....meaning.mocap_objects import Body, Joint
+from ....meaning.space import DECIMALS
+from ....rows import rotations
+from ...destination import fresh_file, refuse_existing
+from ...export_job import Job
+from .. import take_clock as rates
+from ..motive.write import note_of, nothing
+from ..placement import Note, Placing, to_text
+from ..take import Floats, Take, Thing, found_in
+from ..take_clock import Rate
+from ..take_options import TakeOptions, check, check_decimals
+
+MOST_FRAMES = 65_535
+GROUP = "ML_DASH"
+"""The parameters that say what the recording was: the note, cut into pieces, for a parameter's text is short."""
+PIECE = 120
+
+_ROUNDING_M = 1e-4
+"""Rounding to float32 that moves a point by more draws a warning."""
+
+
+def export(
+    job: Job,
+    *,
+    rate: Rate = None,
+    length_units: Literal["m", "mm"] = "m",
+    up: Literal["z", "y"] | None = None,
+    joints: bool = True,
+    canonical: bool = True,
+    quat_order: Literal["xyzw", "wxyz"] | None = None,
+    on_bad: Literal["raise", "missing"] = "raise",
+) -> Path:
+    """Write markers and bodies into one C3D file; its numbers are float32. What is missing has the residual -1.
+
+    The format has no times: a sample's time is that of its frame, at the rate that the file says.
+
+    Args:
+        job: What to export; its destination is the file.
+        rate: Frames a second, or "median", to resample to; None for the rows as they are, evenly spaced.
+        length_units: Of the file.
+        up: Which axis points up; None turns nothing.
+        joints: Whether joint angles are analog channels.
+        canonical: Whether quaternions follow each other without jumps where rotations are interpolated.
+        quat_order: Of the recording's quaternions, if its metadata does not say it.
+        on_bad: Whether a quaternion that is no rotation is an error, or a missing one.
+
+    Raises:
+        FormatError: The extra `c3d` is not installed.
+        ConversionError: There are more than 65,535 frames, or nothing to write.
+    """
+    check("length_units", length_units, ("m", "mm"))
+    check_decimals(None)
+    refuse_existing(job.dest)
+    file = package().c3d()
+    found = found_in(job, quat_order)
+    things: list[Thing] = [body for one in found.values() for body in one.bodies]
+    things += [marker for one in found.values() for marker in one.markers]
+    if not things:
+        raise ConversionError(nothing(job, any(one.joints for one in found.values())))
+    if joints:
+        things += [joint for one in found.values() for joint in one.joints]
+    clock = rates.find(job, [thing.topic for thing in things], rate)
+    if clock.count > MOST_FRAMES:
+        raise ConversionError(
+            f"C3D holds at most {MOST_FRAMES} frames, and these are {clock.count}: choose a part by start= and end=,"
+            " or a lower rate="
+        )
+    take = Take(job, TakeOptions(rate, up, canonical, quat_order, on_bad), things, clock)
+    values = np.concatenate([window.values for window in take.windows()])
+    _fill(file, take, values, length_units)
+    with fresh_file(job.dest) as path:
+        named = path.with_name(f"{path.name}.c3d")  # ezc3d would add the suffix itself
+        try:
+            file.write(str(named))
+            named.replace(path)
+        finally:
+            named.unlink(missing_ok=True)
+    return job.dest
+
+
+def package() -> Any:
+    """Return the package ezc3d.
+
+    Raises:
+        FormatError: It is not installed.
+    """
+    try:
+        import ezc3d
+    except ImportError as error:
+        raise FormatError("C3D needs the package ezc3d: pip install 'ml-dash-mcap[c3d]'") from error
+    return ezc3d
+
+
+def _fill(file: Any, take: Take, values: Floats, unit: str) -> None:
+    points = [(thing, at + 4 * isinstance(thing, Body)) for thing, at in take.columns() if not isinstance(thing, Joint)]
+    bodies = [(thing, at) for thing, at in take.columns() if isinstance(thing, Body)]
+    joints = [(thing, at) for thing, at in take.columns() if isinstance(thing, Joint)]
+    said, count, hz = file["parameters"], len(values), take.clock.rate or 1.0
+    places = np.full((4, len(points), count), 1.0)
+    for number, (thing, at) in enumerate(points):
+        shift = DECIMALS[unit] - DECIMALS[take.unit_of(thing)]
+        places[:3, number] = values[:, at : at + 3].T * 10.0**shift
+    _warn_of_rounding(places[:3], unit)
+    places[:, np.isnan(places).any(axis=0)] = np.nan
+    said["POINT"]["RATE"]["value"] = [hz]
+    said["POINT"]["UNITS"]["value"] = [unit]
+    said["POINT"]["LABELS"]["value"] = [thing.name for thing, _ in points]
+    file["data"]["points"] = places
+    if joints:
+        said["ANALOG"]["RATE"]["value"] = [hz]
+        said["ANALOG"]["LABELS"]["value"] = [joint.name for joint, _ in joints]
+        file["data"]["analogs"] = values[:, [at for _, at in joints]].T[None]
+    if bodies:
+        file.add_parameter("ROTATION", "LABELS", [body.name for body, _ in bodies])
+        file.add_parameter("ROTATION", "RATE", [hz])
+        file["data"]["rotations"] = np.stack([_matrices(values[:, at : at + 7]) for _, at in bodies], axis=2)
+    placing = Placing()
+    for number, (thing, _) in enumerate(points):
+        placing.add(thing, {"position": range(3 * number, 3 * number + 3)})
+    first = 3 * len(points)
+    for number, (body, _) in enumerate(bodies):
+        placing.add(body, {"rotation": range(first + 4 * number, first + 4 * number + 4)})
+    first += 4 * len(bodies)
+    for number, (joint, _) in enumerate(joints):
+        placing.add(joint, {"value": [first + number]})
+    _add_note(file, note_of(take, placing), hz)
+
+
+def _add_note(file: Any, note: Note, rate: float) -> None:
+    text = to_text(note)
+    file.add_parameter(GROUP, "RATE", [repr(rate)])
+    file.add_parameter(GROUP, "NOTE", [text[at : at + PIECE] for at in range(0, len(text), PIECE)])
+
+
+def _matrices(values: Floats) -> Floats:
+    """Return the 4x4 matrices of quaternions and positions, [4, 4, N], of x y z w, x y z, [N, 7]."""
+    found = np.zeros((4, 4, len(values)))
+    found[:3, :3] = rotations.to_matrices(values[:, :4]).transpose(1, 2, 0)
+    found[:3, 3] = values[:, 4:].T
+    found[3, 3] = 1.0
+    return found
+
+
+def _warn_of_rounding(places: Floats, unit: str) -> None:
+    with np.errstate(over="ignore"):
+        error = np.abs(places - places.astype(np.float32))
+    worst = float(np.nanmax(error, initial=0.0)) / 10.0 ** DECIMALS[unit]
+    if worst > _ROUNDING_M or math.isinf(worst):
+        warnings.warn(
+            f"C3D holds float32 numbers, which moves points by up to {worst:.2g} m; they are far from the origin",
+            ConversionWarning,
+            stacklevel=2,
+        )

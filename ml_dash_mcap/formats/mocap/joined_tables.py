@@ -1,0 +1,84 @@
+"""Two tables of one take, row by row: what stands at the same time is one row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from ..text.number_cells import Floats
+
+Rows = tuple[Floats, Floats]
+"""Time stamps, [N], s, ascending, and numbers, [N, C]."""
+
+
+def joined(one: Iterable[Rows], other: Iterable[Rows], widths: tuple[int, int]) -> Iterator[Rows]:
+    """Yield the rows of two tables side by side, NaN where one of them has none; memory holds a part of each.
+
+    The k-th row of a time in one table belongs to the k-th row of that time in the other.
+
+    Args:
+        one: Rows, some at a time.
+        other: The same.
+        widths: How many columns they have.
+    """
+    left, right = _Stream(one, widths[0]), _Stream(other, widths[1])
+    while True:
+        bound = min(left.bound(), right.bound())
+        first, second = left.take(bound), right.take(bound)
+        if not len(first[0]) and not len(second[0]):  # times that are not in order
+            first, second = left.take(np.inf), right.take(np.inf)
+        if len(first[0]) or len(second[0]):
+            yield _side_by_side(first, second)
+        elif left.is_over and right.is_over:
+            return
+
+
+class _Stream:
+    """One table, of which some rows were read and not yet taken."""
+
+    def __init__(self, rows: Iterable[Rows], width: int) -> None:
+        self._rows = iter(rows)
+        self._times: Floats = np.empty(0)
+        self._values: Floats = np.empty((0, width))
+        self.is_over = False
+
+    def bound(self) -> float:
+        """Return up to which time all rows are known, reading on if none is; the last time's may still go on."""
+        while not self.is_over and (not len(self._times) or self._times[0] == self._times[-1]):
+            more = next(self._rows, None)
+            if more is None:
+                self.is_over = True
+            else:
+                self._times = np.concatenate((self._times, more[0]))
+                self._values = np.concatenate((self._values, more[1]))
+        return np.inf if self.is_over else float(self._times[-1])
+
+    def take(self, bound: float) -> Rows:
+        """Return the rows before a time, and all if it is infinite."""
+        count = len(self._times) if bound == np.inf else int(np.searchsorted(self._times, bound))
+        taken = self._times[:count], self._values[:count]
+        self._times, self._values = self._times[count:], self._values[count:]
+        return taken
+
+
+def _side_by_side(one: Rows, other: Rows) -> Rows:
+    one, other = _sorted(one), _sorted(other)
+    keys = [_numbered(times) for times in (one[0], other[0])]
+    union, where = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
+    where = where.reshape(-1)
+    values = np.full((len(union), one[1].shape[1] + other[1].shape[1]), np.nan)
+    values[where[: len(keys[0])], : one[1].shape[1]] = one[1]
+    values[where[len(keys[0]) :], one[1].shape[1] :] = other[1]
+    return union[:, 0], values
+
+
+def _sorted(rows: Rows) -> Rows:
+    order = np.argsort(rows[0], kind="stable")
+    return rows[0][order], rows[1][order]
+
+
+def _numbered(times: Floats) -> Floats:
+    """Return times, [N], with how many of the same stand before each, [N, 2]."""
+    first = np.searchsorted(times, times)
+    return np.stack((times, np.arange(len(times)) - first), axis=1)

@@ -1,0 +1,1 @@
+"""OptiTrack Motive CSV, in and out."""

@@ -1,0 +1,178 @@
+"""The header of Motive's CSV: its pairs, and what each column is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from ....errors import ForeignFileError
+from ...text.dialect import Dialect, number
+from ...text.headers import Header, unit_of_length, without_empty_end
+
+VERSIONS = ("1.2", "1.20", "1.21", "1.22", "1.23", "1.24", "1.25")
+BODIES = ("Rigid Body", "Bone")
+MARKERS = {"Marker": "markers", "Rigid Body Marker": "body_markers", "Bone Marker": "bone_markers"}
+"""Types of markers, to the fields that hold them."""
+JOINT = "Joint"
+"""What this library calls its own columns of joints."""
+
+_TIME_CODES = ("timecode", "smpte", "smptetimecode")
+
+
+class Column(NamedTuple):
+    """One column behind those of frame, time and time code."""
+
+    type: str
+    name: str
+    identity: str
+    group: str
+    axis: str
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What the columns of a file are."""
+
+    columns: list[Column]
+    time: int
+    """The column of times."""
+    time_codes: tuple[int, ...] = ()
+    """The columns of text: time codes."""
+
+    @property
+    def leading(self) -> int:
+        """How many columns come before the others: frame, time, and a time code."""
+        return 2 + len(self.time_codes)
+
+
+def read_pairs(path: Path, line: str, dialect: Dialect) -> dict[str, str]:
+    """Return the first line's keys and values."""
+    cells = dialect.split(line)
+    if not cells or cells[0] != "Format Version":
+        raise ForeignFileError(path, "the file does not begin with 'Format Version'; it is no CSV of Motive's", 1, 1)
+    pairs = {key: value for key, value in zip(cells[::2], cells[1::2], strict=False) if key}
+    version = pairs.get("Format Version", "").replace(",", ".")
+    if version not in VERSIONS:
+        raise ForeignFileError(path, f"format version {version!r}; {', '.join(VERSIONS)} are known", 1, 2)
+    if pairs.get("Rotation Type", "Quaternion") not in ("Quaternion", ""):
+        kind = pairs["Rotation Type"]
+        raise ForeignFileError(
+            path, f"rotation type {kind!r}; export with quaternions", 1, 1 + cells.index("Rotation Type") + 1
+        )
+    return pairs
+
+
+def read_columns(path: Path, header: Header, dialect: Dialect) -> Layout:
+    """Read the header's rows; returns what the columns are."""
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    while True:
+        cells = dialect.split(header.next("the row of 'Frame' and 'Time'"))
+        if any(cells):
+            rows.append(cells)
+            lines.append(header.line)
+        if rows and rows[-1][0].lower() == "frame":
+            break
+        if len(rows) > 6 or (rows and number(rows[-1][0]) is not None):
+            raise ForeignFileError(path, "the header has no row that begins with 'Frame'", header.line)
+    *above, axes = rows
+    codes = tuple(at for at in (1, 2) if at < len(axes) and axes[at].lower().replace(" ", "") in _TIME_CODES)[:1]
+    time, leading = 2 if codes == (1,) else 1, 2 + len(codes)
+    if len(axes) < leading or not axes[time].lower().startswith("time"):
+        raise ForeignFileError(path, "the column after 'Frame' is not 'Time'", lines[-1], time + 1)
+    named = _named(path, above, lines, leading)
+    width = max(len(without_empty_end(row)) for row in (axes, *(row for row, _ in named.values())))
+    for what, (row, line) in named.items():
+        if len(row) != len(axes) and (len(row) < width or any(row[width:])):
+            raise ForeignFileError(path, f"the row of {what} has {len(row)} cells, but that of axes {len(axes)}", line)
+    axes = [*axes, *[""] * (width - len(axes))][:width]
+    found = [
+        Column._make([*(named[what][0][at] for what in ("types", "names", "IDs", "groups")), axes[at]])
+        for at in range(leading, width)
+    ]
+    for at, column in enumerate(found, leading + 1):
+        if not column.type:
+            raise ForeignFileError(path, "the column has no type", named["types"][1], at)
+    _check(path, found, leading, lines[-1])
+    return Layout(found, time, codes)
+
+
+def _named(
+    path: Path, rows: Sequence[list[str]], lines: Sequence[int], leading: int
+) -> dict[str, tuple[list[str], int]]:
+    """Return the header's rows above the axes, with their lines, by what they say."""
+    labels: dict[str, tuple[list[str], int]] = {}
+    plain: list[tuple[list[str], int]] = []
+    for row, line in zip(rows, lines, strict=False):
+        label = next((cell for cell in row[1:leading] if cell), "")
+        if label:
+            labels[label] = row, line
+        else:
+            plain.append((row, line))
+    if labels:
+        wanted = {"types": labels.get("Type"), "names": labels.get("Name"), "IDs": labels.get("ID")}
+        wanted["groups"] = plain[0] if plain else None
+    else:
+        wanted = dict(zip(("types", "names", "IDs", "groups"), [*plain, None, None, None, None], strict=False))
+        if len(plain) == 3 and wanted["groups"] is None:  # version 1.2 may have no IDs
+            wanted["groups"], wanted["IDs"] = wanted["IDs"], wanted["names"]
+    found: dict[str, tuple[list[str], int]] = {}
+    for what, placed in wanted.items():
+        if placed is None:
+            raise ForeignFileError(path, f"the header has no row of {what}", lines[-1])
+        found[what] = placed
+    return found
+
+
+def _check(path: Path, columns: Sequence[Column], leading: int, line: int) -> None:
+    """Raise if an object does not have the columns that its type has."""
+    for group in by_object(columns):
+        first = columns[group[0]]
+        have = [(columns[at].group, columns[at].axis) for at in group]
+        is_point = first.type in (*BODIES, *MARKERS)
+        wanted = [("Position", axis) for axis in "XYZ"] if is_point else []
+        if first.type in BODIES:
+            wanted = [*(("Rotation", axis) for axis in "XYZW"), *wanted]
+        missing = next((one for one in wanted if one not in have), None)
+        if missing is not None:
+            at = leading + group[0] + 1
+            raise ForeignFileError(path, f"{first.type} {first.name!r} has no column {' '.join(missing)}", line, at)
+
+
+def by_object(columns: Sequence[Column]) -> list[list[int]]:
+    """Return the columns of each object; one that has all of its columns begins again where they are repeated."""
+    groups: dict[tuple[str, str, str], list[list[int]]] = {}
+    for at, column in enumerate(columns):
+        same = groups.setdefault((column.type, column.name, column.identity), [[]])
+        taken = {(columns[one].group, columns[one].axis) for one in same[-1]}
+        if (column.group, column.axis) in taken:
+            same.append([])
+        same[-1].append(at)
+    return sorted((group for same in groups.values() for group in same), key=lambda group: group[0])
+
+
+def vectors(columns: Sequence[Column], kind: str, axes: str) -> list[tuple[int, ...]]:
+    """Return the columns of each object's position, or of its rotation."""
+    having = [{columns[at].axis: at for at in group if columns[at].group == kind} for group in by_object(columns)]
+    return [tuple(by_axis[axis] for axis in axes) for by_axis in having if set(axes) <= by_axis.keys()]
+
+
+def axes_of(columns: Sequence[Column], group: Sequence[int], kind: str, axes: str) -> tuple[int, ...]:
+    """Return the columns of some axes of one object, in the order of the axes."""
+    by_axis = {columns[at].axis: at for at in group if columns[at].group == kind}
+    return tuple(by_axis[axis] for axis in axes)
+
+
+def unit_of(path: Path, pairs: Mapping[str, str], asked: str | None) -> str:
+    """Return the file's unit of length: "m", "cm" or "mm"."""
+    stated = pairs.get("Length Units", "Meters")
+    at = 2 + 2 * list(pairs).index("Length Units") if "Length Units" in pairs else None
+    return unit_of_length(path, stated, asked, "length units", 1, at)
+
+
+def slug(text: str) -> str:
+    """Return a word of Motive's as the name of a field: "Marker Quality" is marker_quality."""
+    return re.sub(r"[^0-9a-z]+", "_", text.lower()).strip("_") or "value"

@@ -1,0 +1,95 @@
+"""Where the columns of a foreign file of Motive's go: topics, fields, units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ....meaning.mocap_objects import MARKERS_TOPIC
+from ...foreign_names import distinct
+from .. import stated_units
+from ..placement import Placement
+from . import column_header
+from .column_header import BODIES, JOINT, MARKERS, Column, slug
+
+_ERRORS = ("Mean Marker Error", "Error Per Marker")
+LENGTHS = ("Position", *_ERRORS)
+"""Groups of columns that are lengths."""
+
+_KEPT = ("Take Name", "Take Notes", "Capture Start Time", "Coordinate Space", "Capture Frame Rate", "Export Frame Rate")
+
+
+def foreign(
+    columns: Sequence[Column], pairs: Mapping[str, str], unit: str
+) -> tuple[list[Placement], dict[str, dict[str, Any]]]:
+    """Return where the fields of a foreign file's topics stand, and the metadata of the topics.
+
+    Args:
+        columns: Of the file, without those of frame and time.
+        pairs: Of its first line.
+        unit: Of its lengths.
+    """
+    groups = column_header.by_object(columns)
+    bodies = [group for group in groups if columns[group[0]].type in BODIES]
+    names = distinct([columns[group[0]].name or "body" for group in bodies])
+    placements: list[Placement] = []
+    for name, group in zip(names, bodies, strict=True):
+        placements += _body(name, columns, group)
+    for group in groups:
+        first = columns[group[0]]
+        if first.type in MARKERS:
+            placements += _marker(columns, group, names)
+        elif first.type == JOINT:
+            placements.append(Placement("joints", (first.name,), (), (group[0],)))
+        elif first.type not in BODIES:
+            placements += _others(columns, group, slug(first.type), (first.name,) if first.name else ())
+    about = {key: pairs[key] for key in _KEPT if pairs.get(key)}
+    of_columns = [unit if column.group in LENGTHS else "" for column in columns]
+    fields = stated_units.by_topic(placements, of_columns)
+    said = {"quat_order": "xyzw", "length_units": "m", "up": "y", "motive": about, **stated_units.converted([unit])}
+    return placements, {  # y is up unless changed in Motive
+        one.topic: {**said, "units": stated_units.of_parents(fields.get(one.topic, {}))} for one in placements
+    }
+
+
+def _body(name: str, columns: Sequence[Column], group: Sequence[int]) -> list[Placement]:
+    position = column_header.axes_of(columns, group, "Position", "XYZ")
+    rotation = column_header.axes_of(columns, group, "Rotation", "XYZW")
+    found = [Placement(name, ("pos",), (3,), position), Placement(name, ("quat",), (4,), rotation)]
+    errors = [at for at in group if columns[at].group in _ERRORS]
+    if errors:
+        found.append(Placement(name, ("mean_marker_error",), (), (errors[0],)))
+    rest = [at for at in group if at not in (*position, *rotation, *errors[:1])]
+    return [*found, *_others(columns, rest, name, ())]
+
+
+def _marker(columns: Sequence[Column], group: Sequence[int], bodies: Sequence[str]) -> list[Placement]:
+    first = columns[group[0]]
+    topic, name = _topic_of(first, bodies)
+    position = column_header.axes_of(columns, group, "Position", "XYZ")
+    found = [Placement(topic, (MARKERS[first.type], name), (3,), position)]
+    for at in group:
+        if at not in position:
+            axis = (columns[at].axis,) if columns[at].axis else ()
+            found.append(Placement(topic, (slug(columns[at].group), name, *axis), (), (at,)))
+    return found
+
+
+def _others(columns: Sequence[Column], group: Sequence[int], topic: str, path: tuple[str, ...]) -> list[Placement]:
+    """Return a field for each column of a kind that is not known."""
+    found = []
+    for at in group:
+        axis = (columns[at].axis,) if columns[at].axis else ()
+        found.append(Placement(topic, (*path, slug(columns[at].group), *axis), (), (at,)))
+    return found
+
+
+def _topic_of(column: Column, bodies: Sequence[str]) -> tuple[str, str]:
+    """Return a marker's topic and its name there: the body that its name or its ID belongs to, or its set."""
+    before, colon, behind = column.name.partition(":")
+    if colon and before and behind:
+        return before, behind
+    for body in sorted(bodies, key=len, reverse=True):
+        if column.name.startswith(f"{body}_"):
+            return body, column.name[len(body) + 1 :]
+    return MARKERS_TOPIC, column.name or "marker"

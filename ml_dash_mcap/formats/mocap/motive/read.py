@@ -1,0 +1,139 @@
+"""OptiTrack Motive CSV, versions 1.2 to 1.25.
+
+Which rows the header has differs by version; they are told by what they hold. 1.2 and 1.21 have rows of types, names
+and IDs without labels, 1.23 labels them, 1.24 may have a column of time codes, and 1.25 a row of parents.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from ....meaning.space import DECIMALS
+from ....recorder import Recorder
+from ...readers import Progress
+from ...text.dialect import number, of_line
+from ...text.headers import Header, check_on_bad, preview
+from ...text.number_cells import Cells, Floats, Part
+from ...text.plain_text import first_line, opened
+from .. import joined_tables, placement, restored, row_times, start_times
+from ..placement import NOTE_KEY, Note, Placement
+from ..row_times import Clue, Timing
+from ..sto import read as sto
+from ..track_rows import Report, Tracks, checked
+from . import column_header, contents
+from .contents import LENGTHS
+
+_START = "Capture Start Time"
+
+
+def detect(path: Path) -> str | None:
+    """Return "mocap" for a file of Motive's."""
+    words = first_line(path).lstrip(' \t"')
+    if not words.startswith("Format Version"):
+        return None
+    return "mocap" if words.removeprefix("Format Version").lstrip(' "')[:1] in (",", ";", "\t") else None
+
+
+def record(
+    src: Path,
+    recorder: Recorder,
+    *,
+    progress: Progress | None = None,
+    on_bad: str = "raise",
+    timezone: str = "UTC",
+    start: float | None = None,
+    length_units: str | None = None,
+) -> None:
+    """Append a take: a topic a rigid body, with `pos`, `quat` (x y z w) and markers, and one for loose markers.
+
+    Lengths become metres; axes stay as they are. What is occluded is absent from its row. Columns of a kind that is not
+    known are fields too, and a time code is the field `time_code`. A file that this library wrote becomes the topics
+    and fields that it was written from, the joints beside it included.
+
+    Args:
+        src: The file.
+        recorder: Where its rows go.
+        progress: Called now and then with the rows done and the rows in all.
+        on_bad: What to do with cells that are no numbers: "raise", or "missing" to leave them out and warn.
+        timezone: Of the file's start time, for it does not say: an IANA name.
+        start: The time stamp of the file's time 0, instead of its start time, in s.
+        length_units: Of the file, instead of what it says.
+
+    Raises:
+        ForeignFileError: The file is not as Motive writes it; says the line and the column.
+    """
+    check_on_bad(on_bad)
+    report = Report(src, progress)
+    with opened(src) as file, contextlib.ExitStack() as files:
+        header = Header(src, file)
+        first = header.first("its first line")
+        dialect = of_line(first.lstrip(' "').removeprefix("Format Version").lstrip(' "')[:1], default=",")
+        pairs = column_header.read_pairs(src, first, dialect)
+        layout = column_header.read_columns(src, header, dialect)
+        columns, leading = layout.columns, layout.leading
+        note = placement.from_text(pairs.get(NOTE_KEY, ""), len(columns))
+        unit = column_header.unit_of(src, pairs, length_units)
+        lengths = {at for at, column in enumerate(columns) if column.group in LENGTHS}
+        shifts = [-DECIMALS[unit] if at in lengths else 0 for at in range(len(columns))]
+        if note:
+            shifts = restored.shifts(note, DECIMALS[unit], len(columns), lengths)
+        cells = Cells(src, len(columns) + leading, dialect, [0] * leading + shifts, layout.time_codes, on_bad=on_bad)
+        cells.learn([*itertools.chain(*preview(file))])
+        line = header.line + 1
+        origin = start if start is not None else note.origin if note else None
+        if origin is None:
+            origin = start_times.read(src, pairs.get(_START, ""), _START, timezone) or 0.0
+        clue = Clue(layout.time, 0, number(pairs.get("Export Frame Rate", "")))
+        when = row_times.find(clue, cells, file, line, origin)
+        first_s = row_times.first_stamp(clue, cells, file, when)
+        when = row_times.not_below_zero(src, when, [first_s], is_asked=start is not None)
+        placements, metadata = (note.placements, note.metadata) if note else contents.foreign(columns, pairs, unit)
+        metadata = {topic: {**one, **when.metadata} for topic, one in metadata.items()}
+        parts = _restored(cells.read(file, line), note, leading, layout) if note else cells.read(file, line)
+        beside = sto.beside(src, note.joints if note else None)
+        if note is None or beside is None:
+            tracks = Tracks(src, recorder, placements, metadata, skip_empty=note is not None)
+            for part in parts:
+                times = when.stamps(part.values[:, 0], part.values[:, layout.time])
+                column = layout.time + 1
+                tracks.append_from(cells, times, part.values[:, leading:], part, column)
+                report.add(len(part.values), part.at)
+        else:
+            table = files.enter_context(sto.table(beside, on_bad=on_bad, start=start))
+            others, more = table.layout(sto.TOPIC)
+            tracks = Tracks(
+                src, recorder, [*placements, *_behind(others, len(columns))], {**more, **metadata}, skip_empty=True
+            )
+            numbers = _stamped(cells, parts, when, leading, report)
+            for times, values in joined_tables.joined(numbers, table.stamped(), (len(columns), len(table.names))):
+                tracks.append(times, values)
+            cells.bad += table.cells.bad
+    report.finish(cells.bad)
+
+
+def _restored(parts: Iterator[Part], note: Note, leading: int, layout: column_header.Layout) -> Iterator[Part]:
+    """Yield the rows of a file that this library wrote, turned to the axes that they had."""
+    points = column_header.vectors(layout.columns, "Position", "XYZ")
+    rotations = column_header.vectors(layout.columns, "Rotation", "XYZW")
+    for part in parts:
+        restored.turn_back(part.values[:, leading:], note, points, rotations)
+        yield part
+
+
+def _stamped(
+    cells: Cells, parts: Iterator[Part], when: Timing, leading: int, report: Report
+) -> Iterator[tuple[Floats, Floats]]:
+    """Yield time stamps, [N], s, and numbers, [N, C]."""
+    for part in parts:
+        times, keep = checked(cells, when.stamps(part.values[:, 0], part.values[:, 1]), part.lines, 2)
+        report.add(len(part.values), part.at)
+        yield times, part.values[:, leading:] if keep is None else part.values[keep, leading:]
+
+
+def _behind(placements: list[Placement], first: int) -> list[Placement]:
+    """Return placements of a table whose columns stand behind those of another."""
+    return [replace(one, columns=tuple(first + at for at in one.columns)) for one in placements]

@@ -1,0 +1,209 @@
+"""OptiTrack Motive CSV, versions 1.23 and 1.25.
+
+The header is that of Motive 2 and 3's own exports (docs.optitrack.com, Data Export: CSV), with more pairs behind its
+first line that say what the recording was.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import datetime
+import hashlib
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from .... import clock as clocks
+from ....errors import ConversionError
+from ....meaning.mocap_objects import Body, Marker
+from ....meaning.space import DECIMALS, up_of
+from ...destination import fresh_file, refuse_existing
+from ...export_job import Job
+from .. import take_clock as rates
+from ..placement import NOTE_KEY, Note, Placing, to_text
+from ..sto import write as sto
+from ..table_text import TableText
+from ..take import Take, Thing, found_in
+from ..take_options import TakeOptions, check
+
+VERSIONS = ("1.23", "1.25")
+_WORDS = {"m": "Meters", "cm": "Centimeters", "mm": "Millimeters"}
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """How a file looks."""
+
+    version: str
+    length_units: str
+    decimals: int | None
+    joints: str | None
+    """"sto" beside the file, "columns" in it, or None."""
+
+    def __post_init__(self) -> None:
+        check("format_version", self.version, VERSIONS)
+        check("length_units", self.length_units, tuple(_WORDS))
+        if self.joints is not None:
+            check("joints", self.joints, ("sto", "columns"))
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """One column of the file."""
+
+    thing: Thing
+    source: int
+    """Which column of the take it shows."""
+    group: str
+    """"Rotation", "Position", "Mean Marker Error" or "Angle"."""
+    axis: str
+    is_length: bool
+
+
+def write(job: Job, options: TakeOptions, form: Form) -> Path:
+    """Write one file of a job's bodies and markers, and perhaps one beside it of its joints.
+
+    Raises:
+        DestinationExistsError: Something is at the destination, or where the joints go.
+        ConversionError: There is nothing to write, or no clock to write it on, or something is no rotation.
+    """
+    refuse_existing(job.dest)
+    found = found_in(job, options.quat_order)
+    things: list[Thing] = [body for one in found.values() for body in one.bodies]
+    things += [marker for one in found.values() for marker in one.markers]
+    joints = [joint for one in found.values() for joint in one.joints]
+    if not things:
+        raise ConversionError(nothing(job, bool(joints)))
+    if form.joints == "columns":
+        things += joints
+    has_beside = form.joints == "sto" and bool(joints)
+    beside = job.dest.with_name(f"{job.dest.stem}.joints.sto")
+    with_origin = [thing.topic for thing in (*things, *(joints if has_beside else ()))]
+    clock = rates.find(job, [thing.topic for thing in things], options.rate, with_origin=with_origin)
+    with contextlib.ExitStack() as files:
+        path = files.enter_context(fresh_file(job.dest))
+        if has_beside:
+            refuse_existing(beside)
+            joints_file = files.enter_context(fresh_file(beside))
+            sto.write(job, joints, options, joints_file, decimals=form.decimals, with_origin=with_origin)
+        with path.open("wb") as file:
+            _write(Take(job, options, things, clock), form, file, beside.name if has_beside else None)
+    return job.dest
+
+
+def nothing(job: Job, has_joints: bool) -> str:
+    """Say that no topic has a body or a marker."""
+    names = ", ".join(map(repr, job.topics)) or "none"
+    hint = "format='sto' or layout='wide'" if has_joints else "layout='wide'"
+    return (
+        f"no rigid body and no marker in the topics ({names}): there is no position [3], no quaternion [4], no pose and"
+        f" no dict of markers among their fields; export them with {hint}"
+    )
+
+
+def _write(take: Take, form: Form, file: BinaryIO, joints: str | None) -> None:
+    columns = list(_columns(take))
+    file.write(_header(take, form, columns, joints).encode())
+    text = TableText(decimals=form.decimals, time_decimals=take.clock.time_decimals(form.decimals))
+    order = [column.source for column in columns]
+    is_in_order = order == list(range(sum(1 for _ in order)))
+    units = {id(one.thing): take.unit_of(one.thing) for one in columns if one.is_length}
+    shifts = [DECIMALS[form.length_units] - DECIMALS[units[id(one.thing)]] if one.is_length else 0 for one in columns]
+    for window in take.windows():
+        values = window.values if is_in_order and window.values.shape[1] == len(order) else window.values[:, order]
+        file.write(text.rows(text.heads(window.frames, window.times), values, shifts))
+
+
+def _columns(take: Take) -> Iterator[_Column]:
+    for thing, at in take.columns():
+        if isinstance(thing, Body):
+            yield from (_Column(thing, at + number, "Rotation", axis, False) for number, axis in enumerate("XYZW"))
+            yield from (_Column(thing, at + 4 + number, "Position", axis, True) for number, axis in enumerate("XYZ"))
+            if thing.error is not None:
+                yield _Column(thing, at + 7, "Mean Marker Error", "", True)
+        elif isinstance(thing, Marker):
+            yield from (_Column(thing, at + number, "Position", axis, True) for number, axis in enumerate("XYZ"))
+        else:
+            yield _Column(thing, at, "Angle", "", False)
+
+
+def _header(take: Take, form: Form, columns: Sequence[_Column], joints: str | None) -> str:
+    rows: list[list[str]] = [_pairs(take, form, columns, joints), []]
+    rows.append(["", "Type", *(_type(column.thing) for column in columns)])
+    rows.append(["", "Name", *(column.thing.name for column in columns)])
+    rows.append(["", "ID", *(_identity(column.thing) for column in columns)])
+    if form.version == "1.25":
+        bodies = {thing.topic: thing.name for thing in reversed(take.things) if isinstance(thing, Body)}
+        parents = ["" if isinstance(one.thing, Body) else bodies.get(one.thing.topic, "") for one in columns]
+        rows.append(["", "Parent", *parents])
+    rows.append(["", "", *(column.group for column in columns)])
+    rows.append(["Frame", "Time (Seconds)", *(column.axis for column in columns)])
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\r\n")
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _pairs(take: Take, form: Form, columns: Sequence[_Column], joints: str | None) -> list[str]:
+    clock, topics = take.clock, take.job.topics
+    first = take.things[0].topic
+    orders = {thing.order for thing in take.things if isinstance(thing, Body)}
+    rate = f"{clock.rate:.6f}"
+    pairs = {
+        "Format Version": form.version,
+        "Take Name": take.job.dest.stem,
+        "Take Notes": "",
+        "Capture Frame Rate": rate,
+        "Export Frame Rate": rate,
+        "Capture Start Time": start_time(clock.origin),
+        "Total Frames in Take": str(clock.count),
+        "Total Exported Frames": str(clock.count),
+        "Rotation Type": "Quaternion",
+        "Length Units": _WORDS[form.length_units],
+        "Coordinate Space": "Global",
+        "ML Dash Topic": first,
+        "ML Dash Start Timestamp": repr(clock.origin),
+        "ML Dash Up Axis": (take.options.up or up_of(topics[first].metadata)).upper(),
+        "ML Dash Quat Order": orders.pop() if len(orders) == 1 else "xyzw",
+        NOTE_KEY: to_text(_note(take, columns, joints)),
+    }
+    return [text for pair in pairs.items() for text in pair]
+
+
+def _note(take: Take, columns: Sequence[_Column], joints: str | None) -> Note:
+    placing = Placing()
+    for thing in take.things:
+        mine = [(at, one) for at, one in enumerate(columns) if one.thing is thing]
+        groups = {"Rotation": "rotation", "Position": "position", "Mean Marker Error": "error", "Angle": "value"}
+        where: dict[str, list[int]] = {}
+        for at, one in mine:
+            where.setdefault(groups[one.group], []).append(at)
+        placing.add(thing, where)
+    return note_of(take, placing, joints)
+
+
+def note_of(take: Take, placing: Placing, joints: str | None = None) -> Note:
+    """Return the note of a take's file."""
+    topics = take.job.topics
+    metadata = {topic: topics[topic].metadata for topic in dict.fromkeys(thing.topic for thing in take.things)}
+    return Note(take.clock.origin, take.options.up, placing.placements(), metadata, joints)
+
+
+def _type(thing: Thing) -> str:
+    return "Rigid Body" if isinstance(thing, Body) else thing.kind if isinstance(thing, Marker) else "Joint"
+
+
+def _identity(thing: Thing) -> str:
+    return hashlib.sha256(f"{thing.topic}/{thing.name}".encode()).hexdigest()[:32].upper()
+
+
+def start_time(origin_s: float) -> str:
+    """Spell a wall-clock time as Motive does, in UTC; nothing for the time of a clock that starts near 0."""
+    if not clocks.is_epoch_like(origin_s):
+        return ""
+    start = datetime.datetime.fromtimestamp(origin_s, datetime.timezone.utc)
+    half = "AM" if start.hour < 12 else "PM"  # %p speaks the language of the machine
+    return f"{start:%Y-%m-%d %I.%M.%S}.{start.microsecond // 1000:03d} {half}"

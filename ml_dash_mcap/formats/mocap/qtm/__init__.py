@@ -1,0 +1,1 @@
+"""Qualisys Track Manager TSV files, in and out."""

@@ -1,0 +1,228 @@
+"""Qualisys Track Manager TSV files: markers, and bodies with six degrees of freedom."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from ....errors import ForeignFileError
+from ....meaning.mocap_objects import MARKERS_TOPIC
+from ....meaning.space import DECIMALS
+from ....recorder import Recorder
+from ....rows import rotations
+from ...foreign_names import distinct
+from ...readers import Progress
+from ...text.dialect import Dialect, number, of_line
+from ...text.headers import Header, check_on_bad, preview, without_empty_end
+from ...text.number_cells import Cells, Floats, Part
+from ...text.plain_text import first_line, is_filler, opened
+from .. import placement, restored, row_times, start_times
+from ..placement import Placement
+from ..row_times import Clue, Timing
+from ..track_rows import Report, Tracks
+from ..trc.read import about_points, marker
+
+NOTE_WORD = "ML_DASH_NOTE"
+_FIRST_WORD = re.compile(r'[ \t"]*(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS)"? *[\t,;]')
+_WORD = re.compile(r"[A-Z][A-Z0-9_]*$")
+_BODY_COLUMNS = 16
+"""X Y Z, roll pitch yaw, residual, and the rotation matrix column by column."""
+_SHORT_BODY_COLUMNS = 7
+"""The same without the matrix, which an export may leave out."""
+_OUT_COLUMNS = 11
+"""Position, quaternion, angles and residual of a body."""
+
+
+def detect(path: Path) -> str | None:
+    """Return "qtm" for a TSV file of QTM's."""
+    return "qtm" if _FIRST_WORD.match(first_line(path)) else None
+
+
+def record(
+    src: Path,
+    recorder: Recorder,
+    *,
+    progress: Progress | None = None,
+    on_bad: str = "raise",
+    timezone: str = "UTC",
+    start: float | None = None,
+    topic: str = MARKERS_TOPIC,
+) -> None:
+    """Append a TSV file, in metres: one topic with `markers` by name, or a topic a body with `pos` and `quat`.
+
+    A body also has its `angles` (roll, pitch, yaw as the file defines them, in degrees) and its `residual`.
+
+    Args:
+        src: The file.
+        recorder: Where its rows go.
+        progress: Called now and then with the rows done and the rows in all.
+        on_bad: What to do with cells that are no numbers: "raise", or "missing" to leave them out and warn.
+        timezone: Of the file's time stamp, for it does not say: an IANA name.
+        start: The time stamp of its time 0, instead of the file's time stamp, in s.
+        topic: The topic of markers that belong to no set.
+
+    Raises:
+        ForeignFileError: The file is not as QTM writes it; says the line and the column.
+    """
+    check_on_bad(on_bad)
+    report = Report(src, progress)
+    with opened(src) as file:
+        header = Header(src, file)
+        dialect = of_line(_FIRST_WORD.match(first_line(src)).group(0)[-1])  # type: ignore[union-attr]
+        keys, has_times = _keys(src, header, dialect)
+        has_bodies = "BODY_NAMES" in keys
+        names = _names(keys["BODY_NAMES" if has_bodies else "MARKER_NAMES"], "body" if has_bodies else "marker")
+        per_name = _columns_of_body(file, dialect, 2 * has_times, len(names)) if has_bodies else 3
+        count = per_name * len(names)
+        note = placement.from_text(_one(keys, NOTE_WORD), count)
+        is_length = [at % per_name < 3 or (has_bodies and at % per_name == 6) for at in range(count)]
+        shifts = [-DECIMALS["mm"] if one else 0 for one in is_length]
+        groups = [tuple(range(at, at + 3)) for at in range(0, count, per_name)]
+        origin = start
+        if note and not has_bodies:
+            shifts = restored.shifts(note, DECIMALS["mm"], count, range(count))
+            origin = note.origin if start is None else start
+        if origin is None:
+            origin = start_times.read(src, " ".join(keys.get("TIME_STAMP", [])), "TIME_STAMP", timezone) or 0.0
+        leading = 2 if has_times else 0
+        cells = Cells(
+            src, count + leading, dialect, [0] * leading + shifts, allow_short=True,
+            on_bad=on_bad, keeps_blank_rows=not has_times,
+        )  # fmt: skip
+        cells.learn([*itertools.chain(*preview(file))])
+        rate, line = _rate(src, keys, has_times), header.line + 1
+        when = Timing(origin, rate, source=f"rows at {rate!r} Hz")
+        if has_times:
+            clue = Clue(1, 0, rate, (1.0, 0.0))
+            when = row_times.find(clue, cells, file, line, origin)
+            first_s = row_times.first_stamp(clue, cells, file, when)
+            when = row_times.not_below_zero(src, when, [first_s], is_asked=start is not None)
+        if note and not has_bodies:
+            metadata = {name: {**one, **when.metadata} for name, one in note.metadata.items()}
+            tracks = Tracks(src, recorder, note.placements, metadata, skip_empty=True)
+        else:
+            found = [one for at, name in enumerate(names) for one in _placed(name, at, topic, has_bodies)]
+            tracks = Tracks(src, recorder, found, _about(found, has_bodies, keys, when))
+        row, most = 0, _frame_count(keys)
+        for part in cells.read(file, line):
+            if not has_times:
+                part = _without_end(part, row, most)
+            numbers = part.values[:, leading:]
+            if has_bodies:
+                numbers = _bodies(numbers, per_name)
+            if note and not has_bodies:
+                restored.turn_back(numbers, note, groups, ())
+            frames = part.values[:, 0] if has_times else np.arange(row, row + len(numbers), dtype=np.float64)
+            times = when.stamps(frames, part.values[:, 1] if has_times else frames)
+            tracks.append_from(cells, times, numbers, part, 2 if has_times else None)
+            report.add(len(numbers), part.at)
+            row += len(numbers)
+    report.finish(cells.bad)
+
+
+def _keys(path: Path, header: Header, dialect: Dialect) -> tuple[dict[str, list[str]], bool]:
+    """Read the header; returns its keys and the cells behind them, and whether rows begin with frame and time."""
+    keys: dict[str, list[str]] = {}
+    while True:
+        at = header.at()
+        line = header.next("its numbers")
+        if not keys and is_filler(line):
+            continue
+        cells = dialect.split(line)
+        if cells[0] == "Frame":
+            break
+        if not dialect.is_blank(line) and not _WORD.fullmatch(cells[0]):
+            header.to(at, header.line - 1)
+            break
+        if dialect.is_blank(line) and ("MARKER_NAMES" in keys or "BODY_NAMES" in keys):
+            header.to(at, header.line - 1)
+            break
+        if cells[0]:
+            more = without_empty_end(cells[1:])
+            keys[cells[0]] = [*keys.get(cells[0], []), *more] if cells[0] == "EVENT" else keys.get(cells[0], more)
+    if "MARKER_NAMES" not in keys and "BODY_NAMES" not in keys:
+        what = "2D data" if _one(keys, "DATA_INCLUDED") == "2D" else "neither MARKER_NAMES nor BODY_NAMES"
+        raise ForeignFileError(path, f"the header has {what}; export 3D or 6D data with the TSV header", header.line)
+    return keys, cells[0] == "Frame"
+
+
+def _one(keys: dict[str, list[str]], key: str) -> str:
+    return next(iter(keys.get(key, [])), "")
+
+
+def _names(cells: list[str], word: str) -> list[str]:
+    return distinct([name or f"{word} {at}" for at, name in enumerate(cells, 1)])
+
+
+def _rate(path: Path, keys: dict[str, list[str]], has_times: bool) -> float:
+    rate = number(_one(keys, "FREQUENCY")) or 0.0
+    if rate <= 0 and not has_times:
+        stated = _one(keys, "FREQUENCY") or "missing"
+        raise ForeignFileError(path, f"FREQUENCY is {stated!r}, and there are no times", 1)
+    return rate
+
+
+def _frame_count(keys: dict[str, list[str]]) -> int | None:
+    count = number(_one(keys, "NO_OF_FRAMES"))
+    return None if count is None else int(count)
+
+
+def _without_end(part: Part, row: int, most: int | None) -> Part:
+    """Leave out rows without numbers behind the last frame: where no frame is numbered, others may be frames."""
+    if most is None or row + len(part.values) <= most:
+        return part
+    keep = (np.arange(row, row + len(part.values)) < most) | ~np.isnan(part.values).all(axis=1)
+    return part._replace(values=part.values[keep], lines=part.lines[keep])
+
+
+def _about(
+    placements: list[Placement], has_bodies: bool, keys: dict[str, list[str]], when: Timing
+) -> dict[str, dict[str, Any]]:
+    kept = {key: " ".join(cells) for key, cells in keys.items() if not key.endswith("_NAMES") and key != NOTE_WORD}
+    more = {"qtm": kept, **when.metadata}
+    found = about_points(placements, "mm", more)
+    if not has_bodies:
+        return found
+    units = {"pos": "m", "residual": "m", "angles": "deg"}
+    return {topic: {**said, "quat_order": "xyzw", "units": units} for topic, said in found.items()}
+
+
+def _placed(name: str, at: int, topic: str, has_bodies: bool) -> list[Placement]:
+    if not has_bodies:
+        return [marker(name, tuple(range(3 * at, 3 * at + 3)), topic)]
+    first = _OUT_COLUMNS * at
+    return [
+        Placement(name, ("pos",), (3,), tuple(range(first, first + 3))),
+        Placement(name, ("quat",), (4,), tuple(range(first + 3, first + 7))),
+        Placement(name, ("angles",), (3,), tuple(range(first + 7, first + 10))),
+        Placement(name, ("residual",), (), (first + 10,)),
+    ]
+
+
+def _columns_of_body(file: BinaryIO, dialect: Dialect, leading: int, bodies: int) -> int:
+    """Return how many columns each body has, by the longest of the first rows."""
+    lines, _ = preview(file)
+    longest = max((len(without_empty_end(dialect.split(line))) for line in lines[:100]), default=0)
+    return _SHORT_BODY_COLUMNS if longest - leading <= _SHORT_BODY_COLUMNS * bodies else _BODY_COLUMNS
+
+
+def _bodies(numbers: Floats, columns: int) -> Floats:
+    """Return position, quaternion, angles and residual of each body, [N, 11 B].
+
+    Args:
+        numbers: What the file says, [N, columns * B].
+        columns: Of each body; without a matrix there is no quaternion.
+    """
+    found = []
+    for at in range(0, numbers.shape[1], columns):
+        body = numbers[:, at : at + columns]
+        turns = np.full((len(body), 4), np.nan)
+        if columns == _BODY_COLUMNS:
+            turns, bad = rotations.of_matrices(body[:, 7:].reshape(-1, 3, 3).transpose(0, 2, 1))
+            turns[bad] = np.nan
+        found.append(np.concatenate((body[:, :3], turns, body[:, 3:7]), axis=1))
+    return np.concatenate(found, axis=1)

@@ -1,0 +1,68 @@
+"""Qualisys Track Manager TSV files (docs.qualisys.com, Motion data)."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+from typing import Literal
+
+from .... import clock as clocks
+from ...destination import fresh_file
+from ...export_job import Job
+from ..placement import to_text
+from ..table_text import TableText
+from ..take_clock import Rate
+from ..take_options import TakeOptions, check_decimals
+from ..take_points import find
+
+NOTE_WORD = "ML_DASH_NOTE"
+
+
+def export(
+    job: Job,
+    *,
+    rate: Rate = None,
+    up: Literal["z", "y"] | None = None,
+    decimals: int | None = None,
+    on_bad: Literal["raise", "missing"] = "raise",
+) -> Path:
+    """Write markers, and the positions of bodies, into one TSV file, in mm; what is missing is blank.
+
+    Args:
+        job: What to export; its destination is the file.
+        rate: Frames a second, or "median", to resample to; None for the rows as they are, evenly spaced.
+        up: Which axis points up. None turns nothing.
+        decimals: How many each number has; None for as many as it needs to come back the same.
+        on_bad: Whether a rotation that is none is an error, or missing.
+    """
+    check_decimals(decimals)
+    points = find(job, TakeOptions(rate, up, on_bad=on_bad), "mm")
+    clock, names = points.take.clock, points.names
+    pairs = [
+        ("FILE_VERSION", "2.0.0"),
+        ("NO_OF_FRAMES", str(clock.count)),
+        ("NO_OF_CAMERAS", "0"),
+        ("NO_OF_MARKERS", str(len(names))),
+        ("FREQUENCY", f"{clock.rate:.6f}".rstrip("0").rstrip(".")),
+        ("NO_OF_ANALOG", "0"),
+        ("ANALOG_FREQUENCY", "0"),
+        ("DESCRIPTION", "--"),
+        *([("TIME_STAMP", _stamp(clock.origin))] if clocks.is_epoch_like(clock.origin) else []),
+        ("DATA_INCLUDED", "3D"),
+        (NOTE_WORD, to_text(points.note)),
+        ("MARKER_NAMES", "\t".join(names)),
+    ]
+    labels = ["Frame", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
+    text = TableText(separator="\t", decimals=decimals, time_decimals=clock.time_decimals(decimals))
+    with fresh_file(job.dest) as path, path.open("wb") as file:
+        file.write("".join(f"{key}\t{value}\r\n" for key, value in pairs).encode())
+        file.write(("\t".join(labels) + "\r\n").encode())
+        for window in points.take.windows():
+            heads = text.heads(window.frames + 1, window.times)
+            file.write(text.rows(heads, points.of(window.values), points.shifts))
+    return job.dest
+
+
+def _stamp(origin_s: float) -> str:
+    start = datetime.datetime.fromtimestamp(origin_s, datetime.timezone.utc)
+    return f"{start:%Y-%m-%d, %H:%M:%S}.{start.microsecond // 1000:03d}\t0"

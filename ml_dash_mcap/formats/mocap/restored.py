@@ -1,0 +1,52 @@
+"""Tables that this library wrote: numbers to the fields, units and axes that they had when they were recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
+
+from ...meaning.space import DECIMALS, turned, turned_rotations, unit_of
+from .placement import Note
+
+
+def shifts(note: Note, decimals: int, columns: int, lengths: Collection[int]) -> list[int]:
+    """Return by how many places the decimal point of each column moves to the right.
+
+    Args:
+        note: What the file says of the recording.
+        decimals: Of the file's unit of length: by how many places the point moves from metres.
+        columns: How many there are.
+        lengths: Those of them that are lengths.
+    """
+    found = [-decimals if at in lengths else 0 for at in range(columns)]
+    for one in note.placements:
+        for at in one.columns:
+            if at in lengths:
+                found[at] += DECIMALS[unit_of(note.metadata.get(one.topic, {}), ".".join(one.path))]
+    return found
+
+
+def turn_back(
+    numbers: Any, note: Note, points: Collection[tuple[int, ...]], rotations: Collection[tuple[int, ...]]
+) -> None:
+    """Turn positions and rotations to the axes that they had, in place.
+
+    Args:
+        numbers: [N, C].
+        note: What the file says of the recording.
+        points: The columns of each position, x y z.
+        rotations: The columns of each quaternion, x y z w.
+    """
+    if note.up is None:
+        return
+    topics = {at: one.topic for one in note.placements for at in one.columns}
+    for group in points:
+        up = _up(note, topics.get(group[0]))
+        numbers[:, group] = turned(numbers[:, group], note.up, up)
+    for group in rotations:
+        up = _up(note, topics.get(group[0]))
+        numbers[:, group] = turned_rotations(numbers[:, group], note.up, up)
+
+
+def _up(note: Note, topic: str | None) -> str:
+    return str(note.metadata.get(topic or "", {}).get("up", "z")).lower()

@@ -1,0 +1,188 @@
+"""When the rows of a table were taken: at the times that it prints, or at those that its frames have at its rate."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from ...errors import ConversionWarning
+from ..text.headers import preview
+from ..text.number_cells import Cells, Floats, Part
+
+_SLACK = 1e-6
+"""Of the last printed digit: what doubles may be off by."""
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How rows get their time stamps."""
+
+    origin: float
+    """The time stamp of the file's time 0, in s."""
+    rate: float | None = None
+    """At which frames say the time, in Hz; None if the printed times do."""
+    first: float = 0.0
+    """The frame at `base`."""
+    base: float = 0.0
+    """In s, as the file counts."""
+    source: str = ""
+    """Which times these are, in words; "" for the printed ones."""
+    shift: float = 0.0
+    """By how much all times were moved, so that none is below 0, in s."""
+
+    def stamps(self, frames: Floats, printed: Floats) -> Floats:
+        """Return the time stamps of rows, [N], s."""
+        times = printed if self.rate is None else self.base + (frames - self.first) / self.rate
+        found = self.origin + times
+        return found + self.shift if self.shift else found
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """What was done with the times, for the metadata of topics; nothing if they are the printed ones."""
+        done: dict[str, Any] = {}
+        if self.source:
+            done["time_source"] = self.source
+        if self.shift:
+            done["time_shift_s"] = self.shift
+        return done
+
+
+@dataclass(frozen=True, slots=True)
+class Clue:
+    """Where a table says times."""
+
+    time: int
+    """The column of printed times."""
+    frame: int | None = None
+    """The column of frame numbers; None to count rows."""
+    rate: float | None = None
+    """Frames a second, as the header says, in Hz."""
+    starts: Sequence[float] = (0.0,)
+    """Frames that may be at time 0."""
+
+    def frames(self, values: Floats, first_row: int) -> Floats:
+        """Return the frame of each row; rows are counted from `first_row`."""
+        if self.frame is None:
+            return np.arange(first_row, first_row + len(values), dtype=np.float64)
+        return values[:, self.frame]
+
+
+def find(clue: Clue, cells: Cells, file: BinaryIO, line: int, origin: float) -> Timing:
+    """Find out how a table's rows get their times.
+
+    The printed times count, unless neighbouring frames print the same one because it has too few decimals. Then the
+    frames' own times count, if the file says a rate and every printed time agrees with it.
+
+    Args:
+        clue: Where the table says times.
+        cells: How it is parsed.
+        file: At the table's first line; it stays there.
+        line: The number of that line.
+        origin: The time stamp of time 0, in s.
+    """
+    head, tail = preview(file)
+    head, tail = _rows(cells, head), _rows(cells, tail)
+    if clue.rate and clue.rate > 0 and (_is_coarse(cells, clue, head) or _is_coarse(cells, clue, tail)):
+        grid = max(_grid(cells, clue.time, head), _grid(cells, clue.time, tail))
+        at = file.tell()
+        found = _by_frames(clue, cells.read(file, line), grid)
+        cells.bad = 0
+        file.seek(at)
+        if found is not None:
+            return replace(found, origin=origin)
+    return Timing(origin)
+
+
+def not_below_zero(path: Path, timing: Timing, first_s: Iterable[float], *, is_asked: bool) -> Timing:
+    """Return the timing moved so that a take that begins before time 0 begins there, with a warning.
+
+    Args:
+        path: The file.
+        timing: As the file says it.
+        first_s: The first time stamps of its tables by that timing, in s.
+        is_asked: Whether the caller said the time stamp of time 0: then nothing is moved.
+    """
+    known = [time for time in first_s if time == time]
+    if is_asked or not known or min(known) >= 0:
+        return timing
+    shift = -min(known)
+    warnings.warn(
+        f"{path}: its times begin at {-shift!r} s, and those of a recording at 0: all are moved by {shift!r} s, which"
+        " the topics' metadata say as time_shift_s; pass start= to say the time stamp of time 0",
+        ConversionWarning,
+        stacklevel=3,
+    )
+    return replace(timing, shift=shift)
+
+
+def first_stamp(clue: Clue, cells: Cells, file: BinaryIO, timing: Timing) -> float:
+    """Return the time stamp of the first row of a table that has one, in s; NaN if none has."""
+    head, _ = preview(file)
+    values = cells.sample(_rows(cells, head))
+    stamps = timing.stamps(clue.frames(values, 0), values[:, clue.time])
+    stamps = stamps[~np.isnan(stamps)]
+    return float(stamps[0]) if len(stamps) else float("nan")
+
+
+def _rows(cells: Cells, lines: Sequence[str]) -> list[str]:
+    return [line for line in lines if not cells.dialect.is_blank(line)]
+
+
+def _is_coarse(cells: Cells, clue: Clue, lines: Sequence[str]) -> bool:
+    """Whether the printed times of some lines cannot tell neighbouring frames apart."""
+    assert clue.rate
+    times = cells.sample(lines)[:, clue.time]
+    return 1 / clue.rate < _grid(cells, clue.time, lines) * (1 - _SLACK) or bool((np.diff(times) == 0).any())
+
+
+def _grid(cells: Cells, column: int, lines: Sequence[str]) -> float:
+    """Return what the last printed digit of the most precise time is worth, in s."""
+    finest = 0
+    for line in lines:
+        row = cells.dialect.split(line)
+        if column < len(row):
+            try:
+                exponent = Decimal(row[column].replace(",", ".")).as_tuple().exponent
+            except InvalidOperation:
+                continue
+            finest = min(finest, exponent) if isinstance(exponent, int) else finest
+    return 10.0**finest
+
+
+def _by_frames(clue: Clue, parts: Iterable[Part], grid: float) -> Timing | None:
+    """Return the times of frames at the header's rate; None if a printed time contradicts them."""
+    assert clue.rate
+    first: tuple[float, float] | None = None
+    low, high, last, row = np.inf, -np.inf, -np.inf, 0
+    for part in parts:
+        frames, times = clue.frames(part.values, row), part.values[:, clue.time]
+        row += len(times)
+        known = ~np.isnan(times)
+        if np.isnan(frames).any() or frames[0] <= last or (np.diff(frames) <= 0).any():
+            return None
+        last = float(frames[-1])
+        if first is None and known.any():
+            at = int(known.argmax())
+            first = float(frames[at]), float(times[at])
+        off = (times - frames / clue.rate)[known]
+        low, high = min(low, off.min(initial=np.inf)), max(high, off.max(initial=-np.inf))
+    if first is None:
+        return None
+    best = grid * (1 + _SLACK)
+    chosen: tuple[float, float] | None = None
+    for start, base in (*((start, 0.0) for start in clue.starts), first):
+        offset = base - start / clue.rate
+        worst = max(high - offset, offset - low)
+        if worst <= best:
+            best, chosen = worst - grid * _SLACK, (start, base)
+    if chosen is None:
+        return None
+    what = "rows" if clue.frame is None else "frame numbers"
+    source = f"{what} at {clue.rate!r} Hz, for the printed times have too few decimals"
+    return Timing(0.0, clue.rate, *chosen, source)

@@ -1,0 +1,59 @@
+"""The units that a file states, field by field, and what was done with its lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from ...meaning.space import DECIMALS, UNITS
+from .placement import Placement
+
+
+def by_topic(placements: Sequence[Placement], units: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Return the unit of each field by its dotted name, topic by topic; a length that was converted is in m.
+
+    Args:
+        placements: Of the fields.
+        units: Of each column, as the file spells it; "" for none.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for one in placements:
+        said = {units[at] for at in one.columns} - {""}
+        if len(said) == 1:
+            unit = said.pop()
+            found.setdefault(one.topic, {})[".".join(one.path)] = "m" if is_length(unit) else unit
+    return found
+
+
+def is_length(unit: str) -> bool:
+    """Whether a unit is one of length that is converted to metres."""
+    return unit.strip().lower() in UNITS
+
+
+def shift(unit: str) -> int:
+    """Return by how many places the decimal point of a number moves to the right on its way into a recording."""
+    known = UNITS.get(unit.strip().lower())
+    return -DECIMALS[known] if known else 0
+
+
+def converted(units: Iterable[str]) -> dict[str, Any]:
+    """Return what was done with lengths of some units, for the metadata of topics; nothing if they are in metres."""
+    known = sorted({UNITS[unit.strip().lower()] for unit in units if is_length(unit)} - {"m"})
+    return {"converted": f"lengths from {' and '.join(known)} to m"} if known else {}
+
+
+def of_parents(units: Mapping[str, str]) -> dict[str, str]:
+    """Return the units of fields, those of all fields in one dict as one, such as `markers`.
+
+    Example:
+        >>> of_parents({"markers.a": "m", "markers.b": "m", "pos": "m"})
+        {'markers': 'm', 'pos': 'm'}
+    """
+    groups: dict[str, set[str]] = {}
+    for name, unit in units.items():
+        groups.setdefault(name.partition(".")[0], set()).add(unit)
+    found: dict[str, str] = {}
+    for name, unit in units.items():
+        parent = name.partition(".")[0]
+        found[parent if len(groups[parent]) == 1 else name] = unit
+    return found

@@ -1,0 +1,1 @@
+"""OpenSim storage files, in and out."""

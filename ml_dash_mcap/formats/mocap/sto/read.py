@@ -1,0 +1,229 @@
+"""OpenSim storage files, .sto and .mot, and the .mot files of SIMM."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from ....errors import ForeignFileError
+from ....recorder import Recorder
+from ...foreign_names import distinct
+from ...readers import Progress
+from ...text.dialect import BLANKS, Dialect, number, of_line
+from ...text.headers import Header, check_on_bad, preview, without_empty_end
+from ...text.number_cells import Cells, Floats, Part
+from ...text.plain_text import opened
+from .. import placement, row_times
+from ..placement import Note, Placement
+from ..row_times import Clue, Timing
+from ..track_rows import Report, Tracks, checked
+from . import vectors
+
+NOTE_LINE = "ml_dash_note"
+TOPIC = "joints"
+_SUFFIXES = (".sto", ".mot")
+_MOST_HEADER_LINES = 1000
+_QUOTED = re.compile(r'"((?:[^"]|"")*)"')
+_DOUBLES = ("", "double", "float")
+
+
+def detect(path: Path) -> str | None:
+    """Return "sto" for a storage file."""
+    return "sto" if path.suffix.lower() in _SUFFIXES and path.is_file() else None
+
+
+def beside(path: Path, name: str | None) -> Path | None:
+    """Return the storage file of a name in the folder of another file, if it is there."""
+    if not name or Path(name).name != name:
+        return None
+    found = path.with_name(name)
+    return found if found.is_file() else None
+
+
+def record(
+    src: Path,
+    recorder: Recorder,
+    *,
+    progress: Progress | None = None,
+    on_bad: str = "raise",
+    start: float | None = None,
+    topic: str | None = None,
+) -> None:
+    """Append a storage file: one topic, whose field `q` has all columns, with their names as its `joint_names`.
+
+    Angles stay in the unit of the file, which the topic's metadata says. Columns of vectors and quaternions
+    (`DataType=Vec3` and the like) are a field each. A file that this library wrote becomes the topics and fields that
+    it was written from.
+
+    Args:
+        src: The file.
+        recorder: Where its rows go.
+        progress: Called now and then with the rows done and the rows in all.
+        on_bad: What to do with cells that are no numbers: "raise", or "missing" to leave them out and warn.
+        start: The time stamp of its time 0, in s.
+        topic: What to call the topic; by default "joints", for quaternions "orientations", for vectors "vectors".
+
+    Raises:
+        ForeignFileError: The file is no storage file; says the line and the column.
+    """
+    check_on_bad(on_bad)
+    report = Report(src, progress)
+    with table(src, on_bad=on_bad, start=start) as found:
+        kind = vectors.KINDS.get(found.data_type)
+        placements, metadata = found.layout(topic or (TOPIC if kind is None else kind.topic))
+        tracks = Tracks(src, recorder, placements, metadata, skip_empty=found.note is not None)
+        for part in found.parts():
+            times = found.when.stamps(part.values[:, 0], part.values[:, 0])
+            tracks.append_from(found.cells, times, part.values[:, 1:], part, 1)
+            report.add(len(part.values), part.at)
+    report.finish(found.cells.bad)
+
+
+@dataclass
+class Table:
+    """An open storage file, its header read."""
+
+    path: Path
+    file: BinaryIO
+    keys: dict[str, str]
+    """Of the header, in small letters."""
+    names: list[str]
+    """Of the columns, without that of time."""
+    cells: Cells
+    line: int
+    """Where the numbers begin."""
+    note: Note | None = None
+    when: Timing = field(default_factory=lambda: Timing(0.0))
+
+    @property
+    def data_type(self) -> str:
+        """What the columns hold: "" or "double" for numbers."""
+        return self.keys.get("datatype", "").lower()
+
+    def parts(self) -> Iterator[Part]:
+        """Yield the rows; the times that frames say stand in the first column, if these count."""
+        row = 0
+        for part in self.cells.read(self.file, self.line):
+            if self.when.rate is not None:
+                part.values[:, 0] = range(row, row + len(part.values))
+                row += len(part.values)
+            yield part
+
+    def stamped(self) -> Iterator[tuple[Floats, Floats]]:
+        """Yield time stamps, [N], s, and numbers, [N, C]."""
+        for part in self.parts():
+            times, keep = checked(self.cells, self.when.stamps(part.values[:, 0], part.values[:, 0]), part.lines, 1)
+            yield times, part.values[:, 1:] if keep is None else part.values[keep, 1:]
+
+    def layout(self, topic: str) -> tuple[list[Placement], dict[str, dict[str, Any]]]:
+        """Return where the numbers go, and the metadata of the topics."""
+        if self.note is not None:
+            return list(self.note.placements), {
+                name: {**one, **self.when.metadata} for name, one in self.note.metadata.items()
+            }
+        about: dict[str, Any] = {"sto": {key: value for key, value in self.keys.items() if key != NOTE_LINE}}
+        kind = vectors.KINDS.get(self.data_type)
+        stated = self.keys.get("units")
+        if kind is not None:
+            more: dict[str, Any] = {"quat_order": "wxyz"} if kind.is_rotation else {}
+            if stated:
+                more["units"] = dict.fromkeys(self.names, stated)
+            return vectors.placements(self.names, kind, topic), {topic: {**more, **about, **self.when.metadata}}
+        unit = _angle_unit(self.path, self.keys) or stated
+        count = len(self.names)
+        said = {"joint_names": self.names, **({"units": {"q": unit}} if unit else {}), **about, **self.when.metadata}
+        return [Placement(topic, ("q",), (count,), tuple(range(count)))], {topic: said}
+
+
+@contextmanager
+def table(src: Path, *, on_bad: str, start: float | None) -> Iterator[Table]:
+    """Open a storage file and read its header.
+
+    Raises:
+        ForeignFileError: It is none; says the line and the column.
+    """
+    with opened(src) as file:
+        header = Header(src, file)
+        keys = _keys(src, header)
+        labels = header.next("the row of column names")
+        while not labels.strip(f"{BLANKS},;"):
+            labels = header.next("the row of column names")
+        dialect = of_line(labels, default=" ")
+        names = without_empty_end(dialect.split(labels))
+        _check_names(src, keys, names, header.line)
+        note = placement.from_text(keys.get(NOTE_LINE, ""), len(names) - 1)
+        head, tail = preview(file)
+        line = header.line + 1
+        kind = vectors.KINDS.get(keys.get("datatype", "").lower())
+        if kind is not None:
+            cells: Cells = vectors.VectorCells(src, len(names), dialect, kind, on_bad)
+        elif keys.get("datatype", "").lower() in _DOUBLES:
+            cells = Cells(src, len(names), _of_numbers(dialect, head), on_bad=on_bad)
+            cells.learn(head + tail)
+        else:
+            known = ", ".join(("double", *(one.word for one in vectors.KINDS.values())))
+            raise ForeignFileError(src, f"DataType={keys['datatype']} is not known; {known} are")
+        found = Table(src, file, keys, distinct(names[1:]), cells, line, note)
+        origin = start if start is not None else note.origin if note else 0.0
+        clue = Clue(0, None, number(keys.get("datarate", "")))
+        when = row_times.find(clue, cells, file, line, origin)
+        first_s = row_times.first_stamp(clue, cells, file, when)
+        found.when = row_times.not_below_zero(src, when, [first_s], is_asked=start is not None)
+        yield found
+
+
+def _check_names(path: Path, keys: dict[str, str], names: list[str], line: int) -> None:
+    if not names or names[0].lower() != "time":
+        first = repr(names[0]) if names else "missing"
+        raise ForeignFileError(path, f"the first column is {first}, not 'time'", line, 1)
+    for key in ("ncolumns", "datacolumns"):
+        count = number(keys.get(key, ""))
+        if count is not None and count != len(names):
+            word = "nColumns" if key == "ncolumns" else key
+            raise ForeignFileError(
+                path, f"the header says {word}={keys[key]}, but {len(names)} columns are named", line
+            )
+
+
+def _angle_unit(path: Path, keys: dict[str, str]) -> str | None:
+    """Return "deg" or "rad" for a file of angles; None if it does not say.
+
+    OpenSim takes .mot files without a version, as SIMM writes them, for degrees, unless they say otherwise.
+    """
+    said = keys.get("indegrees")
+    if said is not None:
+        return "deg" if said.lower() in ("yes", "true", "1", "y") else "rad"
+    version = number(keys.get("version", "0")) or 0.0
+    return "deg" if path.suffix.lower() == ".mot" and version < 1 else None
+
+
+def _keys(path: Path, header: Header) -> dict[str, str]:
+    """Read up to `endheader`; returns the keys, in small letters, and their values.
+
+    OpenSim writes `key=value`, SIMM `key value`.
+    """
+    said: dict[str, str] = {}
+    while True:
+        line = header.next("'endheader'").strip(BLANKS)
+        quoted = _QUOTED.match(line)
+        line = quoted[1].replace('""', '"') if quoted else line.strip(f"{BLANKS},;")
+        if line.lower() == "endheader":
+            return said
+        if header.line > _MOST_HEADER_LINES:
+            raise ForeignFileError(path, "the header has no 'endheader'", header.line)
+        key, equals, value = line.partition("=")
+        if not equals:
+            key, _, value = line.partition(" " if " " in line else "\t")
+            if key.lower() not in ("name", "datacolumns", "datarows", "range", "wordwrap"):
+                continue
+        said.setdefault(key.strip(BLANKS).lower(), value.strip(BLANKS))
+
+
+def _of_numbers(dialect: Dialect, lines: list[str]) -> Dialect:
+    """Return the dialect of the numbers, which blanks may separate although tabs do so with the names."""
+    first = next((line for line in lines if not dialect.is_blank(line)), "")
+    return dialect if dialect.separator in first or not first else Dialect(" ")

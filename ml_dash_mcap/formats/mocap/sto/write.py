@@ -1,0 +1,144 @@
+"""OpenSim storage files: joint angles and other numbers by time.
+
+The layout is that of opensim-org's documentation, "Storage (.sto) File Format"; times need not be evenly spaced.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ....errors import ConversionError, ConversionWarning
+from ....meaning.mocap_objects import Joint, Source
+from ...destination import fresh_file, refuse_existing
+from ...export_job import Job
+from .. import take_clock as rates
+from ..placement import Note, Placing, to_text
+from ..table_text import TableText
+from ..take import Take, found_in, is_ragged, numeric
+from ..take_clock import Rate
+from ..take_options import TakeOptions, check_decimals
+
+NOTE_LINE = "ml_dash_note"
+"""The key of the header's line that says what the recording was."""
+
+
+def export(
+    job: Job, *, rate: Rate = None, decimals: int | None = None, what: Literal["joints", "all"] = "joints"
+) -> Path:
+    """Write joint angles, speeds, efforts and grippers into one .sto file.
+
+    Rows without a number that others have are left out, for OpenSim stops reading there. Angles are in radians, unless
+    the topic's metadata says degrees.
+
+    Args:
+        job: What to export; its destination is the file.
+        rate: Frames a second, or "median", to resample to; None for the rows as they are.
+        decimals: How many each number has; None for as many as it needs to come back the same.
+        what: "joints", or "all" fields of numbers.
+    """
+    check_decimals(decimals)
+    refuse_existing(job.dest)
+    if what == "all":
+        joints = [one for topic in job.topics for one in every_number(job, topic)]
+    else:
+        joints = [joint for one in found_in(job, None).values() for joint in one.joints]
+    if not joints:
+        names = ", ".join(map(repr, job.topics)) or "none"
+        raise ConversionError(f"no joints in the topics ({names}): none has q, dq, tau or the like; pass what='all'")
+    with fresh_file(job.dest) as path:
+        write(job, joints, TakeOptions(rate), path, decimals=decimals)
+    return job.dest
+
+
+def write(
+    job: Job,
+    joints: Sequence[Joint],
+    options: TakeOptions,
+    path: Path,
+    *,
+    with_origin: Iterable[str] = (),
+    decimals: int | None = None,
+) -> None:
+    """Write numbers to a path.
+
+    Args:
+        job: Where they come from.
+        joints: The columns.
+        options: At which rate.
+        path: Where to.
+        with_origin: Topics that are written to another file with the same origin.
+        decimals: Of each number.
+    """
+    topics = dict.fromkeys(joint.topic for joint in joints)
+    clock = rates.find(job, topics, options.rate, needs_even=False, with_origin=with_origin)
+    take = Take(job, options, list(joints), clock)
+    labels = [f"{one.topic}/{one.name}" if len(topics) > 1 else one.name for one in joints]
+    labels = [label.replace("\t", " ").replace("\n", " ") for label in labels]
+    in_degrees = b"yes" if _are_degrees(job, joints) else b"no"
+    placing = Placing()
+    for at, joint in enumerate(joints):
+        placing.add(joint, {"value": [at]})
+    metadata = {topic: job.topics[topic].metadata for topic in topics}
+    note = to_text(Note(clock.origin, placements=placing.placements(), metadata=metadata))
+    text = TableText(separator="\t", end="\n", decimals=decimals, time_decimals=clock.time_decimals(decimals))
+    count = 0
+    with path.open("w+b") as file:
+        file.write(b"Coordinates\nversion=1\nnRows=")
+        at_count = file.tell()
+        file.write(b"%20d\nnColumns=%d\ninDegrees=%b\n" % (0, len(joints) + 1, in_degrees))
+        file.write(f"{NOTE_LINE}={note}\nendheader\n".encode())
+        file.write("\t".join(("time", *labels)).encode() + b"\n")
+        for window in take.windows():
+            whole = ~np.isnan(window.values).any(axis=1)
+            count += int(whole.sum())
+            file.write(text.rows(text.times(window.times[whole]), window.values[whole]))
+        file.seek(at_count)
+        file.write(b"%-20d" % count)
+
+
+def _are_degrees(job: Job, joints: Sequence[Joint]) -> bool:
+    """Whether angles are in degrees, as the topics' metadata says them; in radians if it does not.
+
+    Raises:
+        ConversionError: Some are in degrees, others in radians.
+    """
+    found = {_angle_unit(job.topics[joint.topic].metadata, joint.value.columns[0]) for joint in joints} - {None}
+    if len(found) > 1:
+        raise ConversionError("some joints are in degrees and some in radians; export them into files of their own")
+    return found == {"deg"}
+
+
+def _angle_unit(metadata: Mapping[str, Any], column: str) -> str | None:
+    """Return "deg" or "rad" as a topic's metadata says a field's unit; None if it says neither."""
+    said = metadata.get("units")
+    word = str(said.get(column) if isinstance(said, Mapping) else said).lower()
+    return {"deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "radians": "rad"}.get(word)
+
+
+def every_number(job: Job, topic: str) -> list[Joint]:
+    """Return each number of a topic's rows as a column: `q.0`, `pose.yaw`; warn of lists that have no one length."""
+    shapes = numeric(job, topic)
+    columns = {".".join(path) for path in shapes}
+    for name, field in job.topics[topic].fields.items():
+        if is_ragged(field) and name not in columns:
+            warnings.warn(
+                f"topic {topic!r}: the field {name!r} is left out, for its lists have several lengths",
+                ConversionWarning,
+                stacklevel=2,
+            )
+    found: list[Joint] = []
+    for path, shape in shapes.items():
+        name = ".".join(path)
+        if not shape:
+            found.append(Joint(name, topic, Source((path,), ())))
+            continue
+        indices = np.ndindex(*shape)
+        for number, index in enumerate(indices):
+            label = ".".join((name, *map(str, index)))
+            found.append(Joint(label, topic, Source((path,), shape, number, number + 1)))
+    return found

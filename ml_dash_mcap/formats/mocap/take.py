@@ -1,0 +1,164 @@
+"""A take: what motion capture files hold of a recording, on one clock, window by window."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import ConversionError, ConversionWarning
+from ...inspect.field_shapes import Field
+from ...meaning import mocap_objects, space
+from ...meaning.mocap_objects import Body, Joint, Marker, Objects
+from ...rows import rotations
+from ...rows.encode import TIME_KEY
+from ..export_job import Counter, Job
+from .take_clock import Clock
+from .take_options import TakeOptions
+from .topic_frames import TopicFrames
+
+Floats = npt.NDArray[np.float64]
+Thing = Body | Marker | Joint
+
+_WINDOW = 1024
+"""Frames at a time: about as many as one block has, so that those who read ahead need not wait for one of us."""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Some frames of a take."""
+
+    frames: npt.NDArray[np.int64]
+    """Their numbers, [N], from 0."""
+    times: Floats
+    """From the take's origin, [N], s."""
+    values: Floats
+    """[N, C], NaN where something is missing; `Take.columns` says which column is what."""
+
+
+@dataclass(frozen=True, slots=True)
+class Take:
+    """What is to be written, and on which clock."""
+
+    job: Job
+    options: TakeOptions
+    things: list[Thing]
+    """In the order of their columns."""
+    clock: Clock
+
+    def columns(self) -> list[tuple[Thing, int]]:
+        """Return each object with its first column. Bodies have x y z w, x y z, and the error if they have one."""
+        return list(zip(self.things, np.cumsum([0, *map(_width, self.things)]).tolist(), strict=False))
+
+    def unit_of(self, thing: Thing) -> str:
+        """Return the unit of an object's lengths, in which its values stand."""
+        source = thing.value if isinstance(thing, Joint) else thing.position
+        return space.unit_of(self.job.topics[thing.topic].metadata, source.columns[0])
+
+    def windows(self) -> Iterator[Window]:
+        """Yield all frames, some thousand at a time.
+
+        Raises:
+            ConversionError: A quaternion or matrix is no rotation, or a field changes its size.
+        """
+        self._warn_of_axes()
+        counter = self.job.counter()
+        topics = [self._topic(topic, counter) for topic in dict.fromkeys(thing.topic for thing in self.things)]
+        width = sum(map(_width, self.things))
+        for first in range(0, self.clock.count, _WINDOW):
+            part = self.clock.part(first, min(first + _WINDOW, self.clock.count))
+            values = np.full((len(part.frames), width), np.nan)
+            for topic in topics:
+                topic.fill(values, part.times, first)
+            yield Window(part.frames, part.times - self.clock.origin, values)
+        counter.finish()
+        bad = sum(topic.bad for topic in topics)
+        if bad:
+            warnings.warn(f"{bad} values that are no rotations were left out", ConversionWarning, stacklevel=2)
+
+    def _warn_of_axes(self) -> None:
+        """Warn if a file will have two axes that point up, for it can name only one."""
+        topics = dict.fromkeys(thing.topic for thing in self.things if not isinstance(thing, Joint))
+        ups = {topic: space.up_of(self.job.topics[topic].metadata) for topic in topics}
+        if self.options.up is None and len(set(ups.values())) > 1:
+            said = ", ".join(f"{up} in {topic!r}" for topic, up in ups.items())
+            warnings.warn(
+                f"the topics have different axes that point up ({said}), and nothing is turned; pass up='z' or 'y'",
+                ConversionWarning,
+                stacklevel=2,
+            )
+
+    def _topic(self, topic: str, counter: Counter) -> TopicFrames:
+        mine = [(thing, at) for thing, at in self.columns() if thing.topic == topic]
+        info = self.job.topics[topic]
+        held = {name for name, field in info.fields.items() if field.type == "integer" and not field.shape}
+        return TopicFrames(self.job.selection(topic), info.metadata, mine, self.clock, self.options, counter, held=held)
+
+
+def _width(thing: Thing) -> int:
+    if isinstance(thing, Body):
+        return 7 if thing.error is None else 8
+    return 3 if isinstance(thing, Marker) else 1
+
+
+def found_in(job: Job, quat_order: str | None) -> dict[str, Objects]:
+    """Return the objects of each topic of a job, also of those that have none."""
+    found: dict[str, Objects] = {}
+    for topic, info in job.topics.items():
+        if info.metadata.get("quat_order") not in (None, *rotations.ORDERS):
+            raise ConversionError(
+                f"topic {topic!r}: its metadata says quat_order={info.metadata['quat_order']!r}; 'xyzw' and 'wxyz' are"
+                " known. Pass quat_order="
+            )
+        found[topic] = mocap_objects.find(topic, numeric(job, topic), info.metadata, quat_order)
+    return found
+
+
+def numeric(job: Job, topic: str) -> dict[mocap_objects.Path, tuple[int, ...]]:
+    """Return the fields of a topic that are numbers, by their keys, with their shapes.
+
+    One that is a position, a rotation or joints by its name, and whose lists have several lengths, is among them with
+    the length that it should have: reading it finds the row that differs.
+    """
+    info = job.topics[topic]
+    found: dict[mocap_objects.Path, tuple[int, ...]] = {}
+    for name, one in info.fields.items():
+        shape = tuple(length for length in one.shape if length is not None)
+        path = _path(name, info.schema)
+        if one.type in ("number", "integer") and len(shape) == len(one.shape):
+            found[path] = shape
+        elif is_ragged(one):
+            shape = mocap_objects.expected(path) or ()
+            if not shape and mocap_objects.is_joints(path, info.metadata):
+                shape = _first_shape(job, topic, name)
+            if shape:
+                found[path] = shape
+    return found
+
+
+def is_ragged(field: Field) -> bool:
+    """Whether a field has lists of numbers of several lengths."""
+    return field.type in ("number", "integer") and field.shape == (None,)
+
+
+def _first_shape(job: Job, topic: str, name: str) -> tuple[int, ...]:
+    """Return the shape of a field of lists in the first row that has it; () if none has."""
+    for row in job.selection(topic, [name]).flat_rows(TIME_KEY):
+        if isinstance(row.get(name), list):
+            return (len(row[name]),)
+    return ()
+
+
+def _path(name: str, schema: Mapping[str, Any]) -> mocap_objects.Path:
+    """Return the keys of a dotted name: a schema tells a dot inside a key from one between two."""
+    properties = schema.get("properties", {})
+    if name in properties or "." not in name:
+        return (name,)
+    for key, inner in properties.items():
+        if name.startswith(f"{key}.") and isinstance(inner, dict):
+            return (key, *_path(name[len(key) + 1 :], inner))
+    return tuple(name.split("."))

@@ -1,0 +1,233 @@
+"""The clock of a take: the times of the topics' rows, or a rate that they are resampled to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ... import clock as clocks
+from ...clock import NS_PER_S
+from ...errors import ConversionError, OptionError
+from ...file_names import TRACK
+from ...query import counts, topic_rows
+from ...rows.encode import TIME_KEY
+from ..export_job import Job
+from . import frame_numbers as frames
+from .frame_numbers import Spacing
+
+Rate = float | Literal["median"] | None
+"""Frames a second, or the rate of the samples; None for the samples as they are, which must be evenly spaced."""
+
+_HIGHEST_RATE = 1e6
+
+_MOST_DECIMALS = 9
+"""Nanoseconds."""
+
+
+class Part(NamedTuple):
+    """Some frames of a clock."""
+
+    frames: npt.NDArray[np.int64]
+    times: npt.NDArray[np.float64]
+    """Of the frames, as `_ts`, in s; without a sample, a time between the neighbours."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Which frames there are, and when."""
+
+    origin: float
+    """The time stamp from which the file's times count, in s."""
+    rate: float
+    """Frames a second; 0.0 if there are fewer than two."""
+    count: int
+    is_resampled: bool
+    medians_ns: dict[str, float]
+    """The median distance of each topic's samples, in ns."""
+    times_ns: npt.NDArray[np.int64]
+    """Of all samples, ascending, if they are written as they are."""
+    numbers: npt.NDArray[np.int64]
+    """The frame of each of them."""
+    first_s: float
+    """The first time stamp, in s."""
+
+    def time_decimals(self, decimals: int | None) -> int | None:
+        """Return how many decimals times need so that no two frames print the same; None for all.
+
+        Args:
+            decimals: That numbers have; times have no fewer.
+        """
+        if decimals is None:
+            return None
+        steps = np.diff(self.times_ns)
+        shortest_s = min(steps[steps > 0], default=0) / NS_PER_S
+        if self.is_resampled and self.rate:
+            shortest_s = 1 / self.rate
+        needed = math.ceil(-math.log10(shortest_s * frames.TOLERANCE)) if shortest_s else 0
+        return max(decimals, min(needed, _MOST_DECIMALS))
+
+    def part(self, first: int, stop: int) -> Part:
+        """Return the frames [first, stop)."""
+        which = np.arange(first, stop)
+        if self.is_resampled:
+            return Part(which, self.first_s + which / self.rate)
+        after = np.minimum(np.searchsorted(self.numbers, which), len(self.numbers) - 1)
+        before = np.maximum(after - 1, 0)
+        span = np.maximum(self.numbers[after] - self.numbers[before], 1)
+        back = (self.numbers[after] - which) * (self.times_ns[after] - self.times_ns[before]) / span
+        times = self.times_ns[after] - np.rint(back).astype(np.int64)
+        return Part(which, np.array(clocks.to_seconds_each(times.tolist())))
+
+    def frames_of(self, times: npt.NDArray[np.float64], topic: str) -> npt.NDArray[np.int64]:
+        """Return the frames of a topic's rows, by their time stamps, ascending, in s.
+
+        Raises:
+            ConversionError: Two of them have the same.
+        """
+        samples = self._find(times)
+        again = np.arange(len(samples)) - np.searchsorted(samples, samples)
+        samples = np.minimum(samples + again, len(self.times_ns) - 1)
+        found = self.numbers[samples]
+        wrong = np.flatnonzero((np.diff(found) == 0) | (self.times_ns[samples] != self.times_ns[samples - again])[1:])
+        if len(wrong):
+            at = int(wrong[0])
+            raise ConversionError(
+                f"topic {topic!r}: its rows at _ts={float(times[at])!r} and {float(times[at + 1])!r} are in the same"
+                " nanosecond; pass rate= to resample"
+            )
+        return found
+
+    def _find(self, times: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
+        """Return which sample each time is; of several at one time, the first."""
+        times_ns = clocks.to_nanoseconds_each(times).astype(np.int64)
+        after = np.minimum(np.searchsorted(self.times_ns, times_ns), len(self.times_ns) - 1)
+        before = np.maximum(after - 1, 0)
+        is_before = np.abs(self.times_ns[before] - times_ns) < np.abs(self.times_ns[after] - times_ns)
+        return np.searchsorted(self.times_ns, self.times_ns[np.where(is_before, before, after)])
+
+
+def find(
+    job: Job,
+    topics: Iterable[str],
+    rate: Rate,
+    *,
+    needs_even: bool = True,
+    with_origin: Iterable[str] = (),
+) -> Clock:
+    """Lay the clock of a take.
+
+    Args:
+        job: Its recording and time range.
+        topics: That have a part in it.
+        rate: Frames a second, "median", or None.
+        needs_even: Whether the format has no times of its own, so that samples must be evenly spaced.
+        with_origin: Topics that are written with the same origin, elsewhere.
+
+    Raises:
+        ConversionError: They are not, and no rate was given; or there are no rows.
+        OptionError: The rate is none.
+    """
+    check_rate(rate)
+    low, high = topic_rows.to_ns_range(job.low, job.high)
+    topics = list(dict.fromkeys(topics))
+    every = {topic: _times(job, topic, low, high) for topic in dict.fromkeys((*topics, *with_origin))}
+    times = {topic: every[topic] for topic in topics if len(every[topic])}
+    if not times:
+        raise ConversionError("there are no rows to export in this time range")
+    if needs_even and rate is None:
+        _refuse_same(times)
+    spacings = {topic: frames.spacing(np.unique(found)) for topic, found in times.items()}
+    medians = {topic: one.median_ns for topic, one in spacings.items()}
+    medians.update((topic, 0.0) for topic in topics if topic not in medians)
+    union = _union(list(times.values()))
+    first_s = _first(job, times)
+    started = {topic: found for topic, found in every.items() if len(found)}
+    last_ns = max(int(found[-1]) for found in started.values())
+    origin = frames.exact_origin(_first(job, started), clocks.to_seconds(last_ns + 1))
+    if rate is None:
+        numbers = _numbers(union, spacings) if needs_even else np.arange(len(union))
+        mean = frames.mean_rate(union, numbers)
+        return Clock(origin, mean, int(numbers[-1]) + 1, False, medians, union, numbers, first_s)
+    known = [median for median in medians.values() if median]
+    hz = float(rate) if rate != "median" else (NS_PER_S / min(known) if known else 0.0)
+    count = frames.count_at(hz, first_s, clocks.to_seconds(int(union[-1]))) if hz else 1
+    none: npt.NDArray[np.int64] = np.empty(0, np.int64)
+    return Clock(origin, hz, count, True, medians, none, none, first_s)
+
+
+def _times(job: Job, topic: str, low: int, high: int) -> npt.NDArray[np.int64]:
+    """Return the times of a topic's rows, ascending, in ns; those of a track merge where their doubles are the same."""
+    found = np.sort(counts.times(job.files, topic, low, high).astype(np.int64))
+    if counts.kind(job.files, topic) != TRACK or np.diff(found).all():
+        return found
+    distinct = np.unique(found)
+    is_whole = len(found) == len(counts.times(job.files, topic, 0, topic_rows.LAST_NS))
+    if is_whole and counts.count(job.files, topic) == len(distinct):
+        return distinct
+    stamps = np.array([row[TIME_KEY] for row in job.selection(topic).rows()], np.float64)
+    return clocks.to_nanoseconds_each(stamps).astype(np.int64)  # two doubles may be in one nanosecond
+
+
+def _union(times: list[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
+    """Return all times, ascending; one that a topic has several times as often as the topic that has it most often."""
+    if all(np.diff(found).all() for found in times):
+        return np.unique(np.concatenate(times))
+    numbered = [np.stack((found, np.arange(len(found)) - np.searchsorted(found, found)), axis=1) for found in times]
+    return np.unique(np.concatenate(numbered), axis=0)[:, 0]
+
+
+def _refuse_same(times: dict[str, npt.NDArray[np.int64]]) -> None:
+    """Raise ConversionError for rows of one topic that have the same time, where each frame has one of its own."""
+    for topic, found in times.items():
+        same = np.flatnonzero(np.diff(found) == 0)
+        if len(same):
+            raise ConversionError(
+                f"topic {topic!r}: {len(same)} of its rows have the time of the row before, for the first time at"
+                f" _ts={clocks.to_seconds(int(found[same[0]]))!r}, and a file of frames has no place for both; pass"
+                " rate= to resample, or export it as 'sto', 'csv' or layout='wide', which have"
+            )
+
+
+def check_rate(rate: Rate) -> None:
+    """Raise OptionError unless something is a rate."""
+    if rate is None or rate == "median":
+        return
+    is_number = isinstance(rate, (int, float)) and not isinstance(rate, bool)
+    if not is_number or not 0 < rate <= _HIGHEST_RATE:
+        raise OptionError(f"rate={rate!r}: pass frames a second, above 0, or 'median', or None for the rows' own times")
+
+
+def _first(job: Job, times: dict[str, npt.NDArray[np.int64]]) -> float:
+    """Return the exact time stamp of the first row of several topics, in s."""
+    first_ns = min(found[0] for found in times.values())
+    starting = [topic for topic, found in times.items() if found[0] == first_ns]
+    return min(float(next(job.selection(topic).rows())[TIME_KEY]) for topic in starting)
+
+
+def _numbers(union: npt.NDArray[np.int64], spacings: dict[str, Spacing]) -> npt.NDArray[np.int64]:
+    both = frames.spacing(union)
+    if both.frames is None:
+        named = next(((topic, one) for topic, one in spacings.items() if one.frames is None), None)
+        if named is None:
+            names = " and ".join(repr(topic) for topic in spacings)
+            said = f"the topics {names} are evenly spaced each, but not at the same times"
+        else:
+            topic, one = named
+            said = (
+                f"topic {topic!r} is not evenly spaced: its rows are {one.shortest_ns / 1e6:.6g} to"
+                f" {one.longest_ns / 1e6:.6g} ms apart (median {one.median_ns / 1e6:.6g} ms), for the first time at"
+                f" _ts={clocks.to_seconds(one.worst_ns)!r}"
+            )
+        mean = max(one.rate for one in spacings.values())
+        raise ConversionError(f"{said}; pass rate={mean:.3g} or rate='median' to resample")
+    if frames.too_sparse(both.frames):
+        raise ConversionError(
+            f"{len(both.frames)} rows would become {int(both.frames[-1]) + 1} frames, for there are gaps between them;"
+            " choose a part by start= and end="
+        )
+    return both.frames

@@ -1,0 +1,1 @@
+"""OpenSim marker files, in and out."""

@@ -1,0 +1,1 @@
+"""Vicon CSV, in and out."""

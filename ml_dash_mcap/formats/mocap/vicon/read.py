@@ -1,0 +1,231 @@
+"""Vicon CSV files, of Nexus and of Tracker: sections, each with a rate, names, axes and units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from ....errors import ForeignFileError
+from ....file_names import MESSAGE
+from ....meaning import space
+from ....meaning.mocap_objects import MARKERS_TOPIC
+from ....recorder import Recorder
+from ....topic import Topic
+from ...readers import Progress
+from ...text.dialect import number
+from ...text.headers import check_on_bad, preview
+from ...text.number_cells import Cells, Floats
+from ...text.plain_text import first_line, opened
+from .. import restored, row_times, stated_units
+from ..joined_tables import joined
+from ..placement import Note, Placement
+from ..row_times import Timing
+from ..track_rows import Report, Tracks, checked
+from . import contents, sections
+from .sections import LEADING, Section
+
+_MM = space.DECIMALS["mm"]
+_EVENTS_TOPIC = "events"
+
+
+def detect(path: Path) -> str | None:
+    """Return "vicon" for a CSV file of Vicon's."""
+    return "vicon" if sections.title_of(first_line(path)) in sections.SECTIONS else None
+
+
+def record(
+    src: Path,
+    recorder: Recorder,
+    *,
+    progress: Progress | None = None,
+    on_bad: str = "raise",
+    start: float | None = None,
+    topic: str = MARKERS_TOPIC,
+) -> None:
+    """Append the sections of a file; lengths become metres, all else keeps its unit, which the metadata says.
+
+    Trajectories are markers, those of a subject in a topic of its name. What has RX RY RZ RW TX TY TZ is a topic with
+    `pos` and `quat`; three rotation angles stay as they are, in `rotation`. Everything else, such as devices, model
+    outputs and the scales of segments, is a field an axis; events are the topic `events`.
+
+    Args:
+        src: The file.
+        recorder: Where its rows go.
+        progress: Called now and then with the rows done and the rows in all.
+        on_bad: What to do with cells that are no numbers: "raise", or "missing" to leave them out and warn.
+        start: The time stamp of frame 1, in s; the file does not say it.
+        topic: The topic of markers without a subject.
+
+    Raises:
+        ForeignFileError: The file is not as Vicon writes it; says the line and the column.
+    """
+    check_on_bad(on_bad)
+    report = Report(src, progress)
+    with opened(src) as file:
+        contents = sections.read(src, file)
+        note = contents.note
+        origin = start if start is not None else note.origin if note else 0.0
+        before, tables = 0, []
+        for section in contents.sections:
+            tables.append(_Table.of(src, file, section, note, before, topic, origin, on_bad))
+            before += len(section.axes)
+        moved = row_times.not_below_zero(
+            src, Timing(origin), [one.first_stamp(file) for one in tables], is_asked=start is not None
+        )
+        for group in _connected(tables):
+            _append(
+                src, recorder, file, [replace(one, when=replace(one.when, shift=moved.shift)) for one in group], report
+            )
+        bad = sum(one.cells.bad for one in tables)
+        bad += _append_events(src, recorder, contents.events, replace(moved, origin=origin), on_bad)
+    report.finish(bad)
+
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """One section, and where its numbers go."""
+
+    section: Section
+    cells: Cells
+    placements: list[Placement]
+    metadata: dict[str, dict[str, Any]]
+    note: Note | None
+    when: Timing
+    sub_frames: int
+
+    @classmethod
+    def of(
+        cls, path: Path, file: BinaryIO, section: Section, note: Note | None, before: int, topic: str, origin: float,
+        on_bad: str,
+    ) -> _Table:  # fmt: skip
+        """Lay out a section whose columns stand behind `before` others of the file."""
+        placements = contents.placed(section, topic)
+        metadata = contents.about(section, placements)
+        shifts = [stated_units.shift(unit) for unit in section.units]
+        if note is not None:
+            note = _part(note, before, len(section.axes))
+            lengths = {at for at, unit in enumerate(section.units) if unit == "mm"}
+            shifts = restored.shifts(note, _MM, len(section.axes), lengths)
+            placements, metadata = list(note.placements), {name: dict(one) for name, one in note.metadata.items()}
+        file.seek(section.start)
+        head, tail = preview(file, section.stop)
+        count = len(section.axes) + LEADING
+        cells = Cells(path, count, section.dialect, [0, 0, *shifts], allow_short=True, on_bad=on_bad)
+        cells.learn(head + tail)
+        subs = cells.sample(head + tail)[:, 1]
+        sub_frames = int(np.nanmax(subs, initial=0.0)) + 1 if not np.isnan(subs).all() else 1
+        what = "frame" if sub_frames == 1 else "frame and sub frame"
+        when = Timing(origin, section.rate, source=f"{what} numbers at {section.rate!r} Hz")
+        return cls(section, cells, placements, metadata, note, when, sub_frames)
+
+    def first_stamp(self, file: BinaryIO) -> float:
+        """Return the time stamp of the first row that has one, in s; NaN if none has."""
+        file.seek(self.section.start)
+        head, _ = preview(file, self.section.stop)
+        values = self.cells.sample(head)
+        stamps = self._stamps(values)
+        known = stamps[~np.isnan(stamps)]
+        return float(known[0]) if len(known) else float("nan")
+
+    def rows(self, file: BinaryIO, report: Report) -> Iterator[tuple[Floats, Floats]]:
+        """Yield time stamps, [N], s, and numbers, [N, C]; several sections can be read by turns."""
+        points = [one.columns for one in contents.placed(self.section, "") if one.path[0] in ("markers", "pos")]
+        turns = [one.columns for one in contents.placed(self.section, "") if one.path[0] == "quat"]
+        file.seek(self.section.start)
+        for part in self.cells.read(file, self.section.line, self.section.stop):
+            numbers = part.values[:, LEADING:]
+            if self.note:
+                restored.turn_back(numbers, self.note, points, turns)
+            times, keep = checked(self.cells, self._stamps(part.values), part.lines, 1)
+            report.add(len(numbers), part.at)
+            yield times, numbers if keep is None else numbers[keep]
+
+    def _stamps(self, values: Floats) -> Floats:
+        subs = np.nan_to_num(values[:, 1])
+        frames = (values[:, 0] - 1) * self.sub_frames + subs
+        return self.when.stamps(frames, frames)
+
+
+def _connected(tables: Sequence[_Table]) -> list[list[_Table]]:
+    """Return tables in groups: those of one rate that have rows of the same topics."""
+    groups: list[list[_Table]] = []
+    for one in tables:
+        topics = {place.topic for place in one.placements}
+        same = [
+            group
+            for group in groups
+            if any(
+                other.section.rate == one.section.rate and topics & {place.topic for place in other.placements}
+                for other in group
+            )
+        ]
+        groups = [group for group in groups if group not in same]
+        groups.append([table for group in same for table in group] + [one])
+    return groups
+
+
+def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table], report: Report) -> None:
+    """Append some sections together: what they say of one frame is one row."""
+    placements: list[Placement] = []
+    present: list[tuple[int]] = []
+    metadata: dict[str, dict[str, Any]] = {}
+    width = 0
+    for one in tables:
+        count = len(one.section.axes)
+        placements += [replace(place, columns=tuple(width + at for at in place.columns)) for place in one.placements]
+        present += [(width + count,)] * len(one.placements)
+        for name, about in one.metadata.items():
+            metadata[name] = contents.merged(metadata.get(name, {}), {**about, **one.when.metadata})
+        width += count + 1
+    if len(tables) == 1:
+        tracks = Tracks(path, recorder, placements, metadata, skip_empty=tables[0].note is not None)
+        for times, values in tables[0].rows(file, report):
+            tracks.append(times, values)
+        return
+    is_ours = tables[0].note is not None
+    tracks = Tracks(path, recorder, placements, metadata, skip_empty=is_ours, present=present)
+    rows, width = _marked(path, tables[0], report), len(tables[0].section.axes) + 1
+    for one in tables[1:]:
+        more = len(one.section.axes) + 1
+        rows, width = joined(rows, _marked(path, one, report), (width, more)), width + more
+    for times, values in rows:
+        tracks.append(times, values)
+
+
+def _marked(path: Path, table: _Table, report: Report) -> Iterator[tuple[Floats, Floats]]:
+    """Yield a section's rows with a column of ones behind them; the file is opened anew, for others read it too."""
+    with opened(path) as file:
+        for times, values in table.rows(file, report):
+            yield times, np.concatenate((values, np.ones((len(values), 1))), axis=1)
+
+
+def _append_events(
+    path: Path, recorder: Recorder, events: Sequence[tuple[int, dict[str, str]]], when: Timing, on_bad: str
+) -> int:
+    """Append events as rows of text; returns how many have no time and were left out."""
+    rows: list[dict[str, Any]] = []
+    for line, event in events:
+        word = next((word for word in event if word.lower().startswith("time")), "Time (s)")
+        time = number(event.get(word, ""))
+        if time is None or when.origin + time + when.shift < 0:
+            if on_bad == "raise":
+                what = f"the event has the time {event.get(word, '')!r}, which is none"
+                raise ForeignFileError(path, f"{what}; pass on_bad='missing' to leave it out", line)
+            continue
+        said = {key.lower().replace(" ", "_"): value for key, value in event.items() if key and key != word}
+        rows.append({**said, "_ts": when.origin + time + when.shift})
+    if rows:
+        about = {"vicon": {"section": "Events"}, **when.metadata}
+        recorder._open(_EVENTS_TOPIC, MESSAGE, Topic, metadata=about).append_batch(rows)
+    return len(events) - len(rows)
+
+
+def _part(note: Note, first: int, count: int) -> Note:
+    """Return what a note says of one section's columns."""
+    mine = [one for one in note.placements if all(first <= at < first + count for at in one.columns)]
+    moved = tuple(Placement(one.topic, one.path, one.shape, tuple(at - first for at in one.columns)) for one in mine)
+    return replace(note, placements=moved)

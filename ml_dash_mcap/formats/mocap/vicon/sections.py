@@ -1,0 +1,177 @@
+"""The sections of Vicon's CSV files: where each begins and ends, and what its columns are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+from ....errors import ForeignFileError
+from ...text.dialect import BLANKS, Dialect, number, of_line
+from ...text.headers import Header, refuse_numbers, without_empty_end
+from ...text.plain_text import is_filler
+from .. import placement
+from ..placement import NOTE_KEY, Note
+
+SECTIONS = ("Trajectories", "Devices", "Model Outputs", "Joints", "Segments", "Objects", "Bones", "Events")
+"""What the first line of a section says; others are read too if they are laid out like these."""
+
+LEADING = 2
+"""Columns before the others: frame and sub frame."""
+
+_EVENTS = "Events"
+_MOST_COLUMNS = 1 << 20
+_COMMAS = Dialect(",")
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A table of numbers."""
+
+    title: str
+    rate: float
+    names: list[str]
+    """Of each column behind those of frame and sub frame; a name stands for all columns up to the next."""
+    axes: list[str]
+    units: list[str]
+    dialect: Dialect
+    line: int
+    """Where its numbers begin."""
+    start: int
+    """The same, in bytes."""
+    stop: int
+    """Where they end, in bytes."""
+
+
+@dataclass(slots=True)
+class Contents:
+    """What a file has."""
+
+    sections: list[Section] = field(default_factory=list)
+    events: list[tuple[int, dict[str, str]]] = field(default_factory=list)
+    """Each with its line, by the words of the header's row."""
+    note: Note | None = None
+
+
+def title_of(line: str) -> str:
+    """Return what a line says if it has one cell."""
+    return line.strip(f'{BLANKS},;"')
+
+
+def read(path: Path, file: BinaryIO) -> Contents:
+    """Read the heads of all sections.
+
+    Raises:
+        ForeignFileError: The file is not as Vicon writes it; says the line and the column.
+    """
+    header, found = Header(path, file), Contents()
+    while (line := header.next_or_none()) is not None:
+        title = title_of(line)
+        if not title or is_filler(line):
+            continue
+        if title == NOTE_KEY:
+            text = (header.next_or_none() or "").strip(BLANKS)
+            text = text if text.startswith("{") else _COMMAS.split(text)[0]
+            found.note = placement.from_text(text, _MOST_COLUMNS)
+        elif title == _EVENTS:
+            found.events += _events(header)
+        else:
+            found.sections.append(_section(path, header, file, title))
+    return found
+
+
+def _section(path: Path, header: Header, file: BinaryIO, title: str) -> Section:
+    title_line = header.line
+    text = _line(header, "the section's rate")
+    rate = number(title_of(text))
+    if rate is None and title not in SECTIONS:
+        known = ", ".join(SECTIONS)
+        raise ForeignFileError(path, f"{title[:40]!r} is not the name of a section; {known} are known", title_line)
+    if rate is None or not 0 < rate < 1e9:
+        raise ForeignFileError(path, f"{title_of(text)[:40]!r} is not a rate in Hz", header.line, 1)
+    names_text = ""
+    axes_text = _line(header, "the row of names")
+    names_line = header.line
+    if not title_of(axes_text).lower().startswith("frame"):
+        names_text, axes_text = axes_text, _line(header, "the row of axes")
+    dialect = of_line(axes_text, default=",")
+    axes = without_empty_end(dialect.split(axes_text))
+    if len(axes) < LEADING or axes[0].lower() != "frame" or axes[1].lower().replace(" ", "") != "subframe":
+        raise ForeignFileError(path, "the row of axes does not begin with Frame and Sub Frame", header.line, 1)
+    names = without_empty_end(dialect.split(names_text))
+    count = len(axes)
+    if len(names) > count:
+        raise ForeignFileError(path, f"there are names for {len(names)} columns, but axes for {count}", names_line)
+    units = _units(path, header, dialect)
+    if len(units) > count:
+        raise ForeignFileError(path, f"there are units for {len(units)} columns, but axes for {count}", header.line)
+    filled, last = [], ""
+    for name in (names + [""] * count)[LEADING:count]:
+        last = name or last
+        filled.append(last)
+    line, start = header.line + 1, header.at()
+    _pass_rows(header, dialect)
+    return Section(
+        title, rate, filled, axes[LEADING:], (units + [""] * count)[LEADING:count], dialect, line, start, header.at()
+    )
+
+
+def _line(header: Header, what: str) -> str:
+    """Return the next line that is not blank."""
+    text = header.next(what)
+    while not title_of(text):
+        text = header.next(what)
+    return text
+
+
+def _units(path: Path, header: Header, dialect: Dialect) -> list[str]:
+    """Read the row of units, which may be blank where the columns have none."""
+    cells = dialect.split(header.next("the row of units"))
+    at, line = header.at(), header.line
+    while not any(cells):
+        text = header.next_or_none()
+        if text is None or number(dialect.split(text)[0]) is not None or title_of(text) in (*SECTIONS, NOTE_KEY):
+            header.to(at, line)
+            return []
+        cells = dialect.split(text)
+    refuse_numbers(path, cells, "row of units", header.line)
+    return without_empty_end(cells)
+
+
+def _pass_rows(header: Header, dialect: Dialect) -> None:
+    """Read on to the end of the section's rows: blank ones are among them if numbers follow."""
+    end, lines = header.at(), header.line
+    while True:
+        line = header.next_or_none()
+        if line is None:
+            return
+        if dialect.is_blank(line):
+            continue
+        first = line.partition(dialect.separator)[0]  # splitting whole lines would take as long as parsing them
+        if number(first.strip('"')) is None and len(without_empty_end(dialect.split(line))) < LEADING:
+            header.to(end, lines)
+            return
+        end, lines = header.at(), header.line
+
+
+def _events(header: Header) -> list[tuple[int, dict[str, str]]]:
+    """Read the rows of events, each by the words of the row above them."""
+    words: list[str] = []
+    dialect = _COMMAS
+    found: list[tuple[int, dict[str, str]]] = []
+    while True:
+        end, before = header.at(), header.line
+        line = header.next_or_none()
+        if line is None:
+            return found
+        if not title_of(line):
+            continue
+        if title_of(line) in (*SECTIONS, NOTE_KEY):
+            header.to(end, before)
+            return found
+        if not words:
+            if number(title_of(line)) is None:  # the first line is a rate
+                dialect = of_line(line, default=",")
+                words = dialect.split(line)
+            continue
+        found.append((header.line, dict(zip(words, dialect.split(line), strict=False))))

@@ -1,0 +1,90 @@
+"""Vicon CSV files: Trajectories as Nexus lays them out, Objects as Tracker does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from ....meaning.mocap_objects import Body
+from ....meaning.space import DECIMALS
+from ...destination import fresh_file
+from ...export_job import Job
+from ..motive.write import note_of
+from ..placement import NOTE_KEY, Note, Placing, to_text
+from ..table_text import TableText
+from ..take_clock import Rate
+from ..take_options import TakeOptions, check_decimals
+from ..take_points import Points, find
+
+_TURNS = ("RX", "RY", "RZ", "RW", "TX", "TY", "TZ")
+
+
+def export(
+    job: Job,
+    *,
+    rate: Rate = None,
+    up: Literal["z", "y"] | None = None,
+    decimals: int | None = None,
+    canonical: bool = True,
+    quat_order: Literal["xyzw", "wxyz"] | None = None,
+    on_bad: Literal["raise", "missing"] = "raise",
+) -> Path:
+    """Write markers (section Trajectories) and bodies (section Objects, with quaternions) into one CSV file, in mm.
+
+    The format has no times: a sample's time is that of its frame, at the rate that the file says.
+
+    Args:
+        job: What to export; its destination is the file.
+        rate: Frames a second, or "median", to resample to; None for the rows as they are, evenly spaced.
+        up: Which axis points up; None turns nothing.
+        decimals: How many each number has; None for as many as it needs to come back the same.
+        canonical: Whether quaternions are negated to follow each other without jumps.
+        quat_order: Of the recording's quaternions, if its metadata does not say it.
+        on_bad: Whether a quaternion that is no rotation is an error, or a missing one.
+    """
+    check_decimals(decimals)
+    points = find(job, TakeOptions(rate, up, canonical, quat_order, on_bad), "mm", with_rotations=True)
+    bodies = [(thing, at) for thing, at in points.take.columns() if isinstance(thing, Body)]
+    text = TableText(decimals=decimals)
+    hz = repr(points.take.clock.rate).removesuffix(".0")
+    with fresh_file(job.dest) as path, path.open("wb") as file:
+        if points.things:
+            names = ["", "", *(cell for name in points.names for cell in (name.replace(",", " "), "", ""))]
+            units = ["", "", *["mm"] * len(points.columns)]
+            axes = ["Frame", "Sub Frame", *["X", "Y", "Z"] * len(points.things)]
+            file.write(_head("Trajectories", hz, names, axes, units))
+            for window in points.take.windows():
+                heads = [b"%d,0" % frame for frame in (window.frames + 1).tolist()]
+                file.write(text.rows(heads, points.of(window.values), points.shifts))
+        if bodies:
+            file.write(b"\r\n" if points.things else b"")
+            names = ["", "", *(cell for body, _ in bodies for cell in (body.name.replace(",", " "), *[""] * 6))]
+            units = ["", "", *["", "", "", "", "mm", "mm", "mm"] * len(bodies)]
+            file.write(_head("Objects", hz, names, ["Frame", "Sub Frame", *_TURNS * len(bodies)], units))
+            columns = [at + number for _, at in bodies for number in range(7)]
+            shifts: list[int] = []
+            for body, _ in bodies:
+                shifts += [0] * 4 + [DECIMALS["mm"] - DECIMALS[points.take.unit_of(body)]] * 3
+            for window in points.take.windows():
+                heads = [b"%d,0" % frame for frame in (window.frames + 1).tolist()]
+                file.write(text.rows(heads, window.values[:, columns], shifts))
+        file.write(f"\r\n{NOTE_KEY}\r\n{to_text(_note(points, bodies))}\r\n".encode())
+    return job.dest
+
+
+def _head(section: str, hz: str, *rows: list[str]) -> bytes:
+    lines = [section, hz, *(",".join(row) for row in rows)]
+    return "".join(f"{line}\r\n" for line in lines).encode()
+
+
+def _note(points: Points, bodies: list[tuple[Body, int]]) -> Note:
+    """Return the note; columns are counted through all sections, without those of frames."""
+    placing = Placing()
+    at = 0
+    for thing in points.things:
+        placing.add(thing, {"position": range(at, at + 3)})
+        at += 3
+    for body, _ in bodies:
+        placing.add(body, {"rotation": range(at, at + 4), "position": range(at + 4, at + 7)})
+        at += 7
+    return note_of(points.take, placing)

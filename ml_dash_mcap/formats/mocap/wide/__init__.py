@@ -1,0 +1,1 @@
+"""Wide CSV tables, in and out."""

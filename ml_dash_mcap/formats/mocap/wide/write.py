@@ -1,0 +1,47 @@
+"""One wide CSV table: a column for every number of some topics."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+from ....errors import ConversionError
+from ...destination import fresh_file, refuse_existing
+from ...export_job import Job
+from .. import take_clock as rates
+from ..sto.write import every_number
+from ..table_text import TableText, numbers
+from ..take import Take
+from ..take_clock import Rate
+from ..take_options import TakeOptions
+
+
+def write(job: Job, rate: Rate, decimals: int | None) -> Path:
+    """Write `frame,time,q.0,...`; several topics have their name before each column, `robot:q.0`.
+
+    The time is `_ts` itself. Without a rate, each time stamp of any of the topics is a row. Fields that are no numbers
+    are not in it.
+
+    Raises:
+        ConversionError: The topics have no numbers, or a field changes its size.
+    """
+    refuse_existing(job.dest)
+    columns = [one for topic in job.topics for one in every_number(job, topic)]
+    topics = dict.fromkeys(one.topic for one in columns)
+    if not columns:
+        names = ", ".join(map(repr, job.topics)) or "none"
+        raise ConversionError(f"there are no numbers in the topics ({names}); export them with format='csv' or 'jsonl'")
+    clock = rates.find(job, topics, rate, needs_even=False)
+    take = Take(job, TakeOptions(rate), list(columns), clock)
+    header = io.StringIO()
+    labels = [f"{one.topic}:{one.name}" if len(topics) > 1 else one.name for one in columns]
+    csv.writer(header, lineterminator="\n").writerow(["frame", "time", *labels])
+    text = TableText(end="\n", decimals=decimals)
+    with fresh_file(job.dest) as path, path.open("wb") as file:
+        file.write(header.getvalue().encode())
+        for window in take.windows():
+            times = numbers(window.times + clock.origin)  # exact: see frames.exact_origin
+            heads = [b"%d,%b" % pair for pair in zip(window.frames.tolist(), times, strict=True)]
+            file.write(text.rows(heads, window.values))
+    return job.dest

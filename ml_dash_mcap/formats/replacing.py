@@ -1,0 +1,109 @@
+"""What an export may replace at its destination: an earlier result of its own kind, and nothing else."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping
+from itertools import islice
+from pathlib import Path
+
+from ..errors import OptionError
+from ..file_names import SESSION_GLOB
+from ..mcap.records import MAGIC
+from ..store.session_lock import SessionLock
+from ..version import LIBRARY
+
+RECORDING = "recording"
+"""Stands among the formats for a recording's folder, which `convert` makes."""
+
+_PACKAGE = r"[^/]+/(package\.xml|CMakeLists\.txt|msg/[^/]+\.msg)"
+"""What defines the messages in a bag."""
+
+_CONTENTS: Mapping[str, str] = {
+    "parquet": r"[^/]+\.parquet",
+    "csv": r"[^/]+\.csv",
+    "jsonl": r"[^/]+\.jsonl",
+    "dreamlake": r"session\.json|parameters\.json|tracks/.+/(data\.jsonl|metadata\.json)",
+    "rosbag1": _PACKAGE,
+    "rosbag2": rf"metadata\.yaml|[^/]+\.(mcap|db3|db3-wal|db3-shm|mcap\.zstd|db3\.zstd)|{_PACKAGE}",
+    RECORDING: r"[^/]+\.mcap(\.active)?|\.ml_dash-[^/]+\.(json|journal)|files/.+",
+}
+"""Formats that are folders, to the names of what is in one; those that are not here are files."""
+
+_ALWAYS_THERE: Mapping[str, str] = {"dreamlake": "session.json", "rosbag2": "metadata.yaml"}
+"""What each folder of a format has; without it, one with the same kinds of files is something else."""
+
+_OF_DESKTOPS = (".DS_Store", "Thumbs.db", "desktop.ini")
+_LIBRARY = LIBRARY.split()[0].encode()
+_HEAD_BYTES = 1024
+"""More than the beginning of a file up to the name of its library."""
+_LOOKED_AT = 100_000
+"""So many files of a folder are looked at; one with more is not replaced."""
+
+Keep = Callable[[Path], str]
+"""Returns why what is at a path must stay, in words; empty if it may be replaced."""
+
+
+def keeper(format: str, sources: Iterable[Path]) -> Keep:
+    """Return what judges whether something may be replaced by a result of a format.
+
+    Args:
+        format: One of `EXPORTERS`, or `RECORDING`.
+        sources: The files and folders that are read meanwhile.
+    """
+    read = [path.resolve() for path in sources]
+
+    def keep(path: Path) -> str:
+        if path.is_symlink():
+            return "is a link; export to where it leads, or remove it"
+        place = path.resolve()
+        if any(place == source or place in source.parents for source in read):
+            return "is what is read here, or holds it"
+        if path.is_dir():
+            return _reason_to_keep_folder(path, format)
+        return "" if path.is_file() else "is neither a file nor a folder"
+
+    return keep
+
+
+def check_overwrite(overwrite: object) -> None:
+    """Raise OptionError if `overwrite` is neither True nor False."""
+    if not isinstance(overwrite, bool):
+        raise OptionError(f"overwrite={overwrite!r}: it must be True or False")
+
+
+def _reason_to_keep_folder(folder: Path, format: str) -> str:
+    pattern = re.compile(_CONTENTS.get(format, r"(?!)"))
+    for name in islice(_files(folder), _LOOKED_AT + 1):
+        if not pattern.fullmatch(name) and name.rpartition("/")[2] not in _OF_DESKTOPS:
+            what = "a recording" if format == RECORDING else f"what {format!r} writes"
+            return f"is a folder that holds more than {what}: {name}; remove it yourself, or choose another place"
+    if format in _ALWAYS_THERE and not (folder / _ALWAYS_THERE[format]).is_file():
+        return f"is a folder without the {_ALWAYS_THERE[format]} that {format!r} writes, so it is something else"
+    if format == RECORDING:
+        for path in folder.glob("*.mcap*"):
+            if not _is_ours(path):
+                return f"is a folder with an MCAP file that another program wrote: {path.name}"
+    if any(SessionLock.is_held(path) for path in folder.glob(SESSION_GLOB)):
+        return "is being recorded"
+    if next(folder.glob(SESSION_GLOB), None) is not None:
+        return "has rows that a crashed recorder left; open or recover it before you replace it"
+    return ""
+
+
+def _files(folder: Path) -> Iterable[str]:
+    """Yield the names of all files below a folder, relative to it; links to folders count as files."""
+    for place, names, files in os.walk(folder):
+        inside = Path(place).relative_to(folder)
+        links = [name for name in names if os.path.islink(os.path.join(place, name))]
+        yield from ((inside / name).as_posix() for name in (*files, *links))
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether an MCAP file's header (https://mcap.dev/spec#header-op0x01) says that this library wrote it."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    begin = len(MAGIC) + 1 + 8  # the record's opcode and length
+    begin += 4 + int.from_bytes(head[begin : begin + 4], "little")  # the profile
+    return head.startswith(MAGIC) and head[begin + 4 :].startswith(_LIBRARY)

@@ -1,0 +1,1 @@
+"""The MCAP files of rosbag2 folders."""

@@ -1,0 +1,287 @@
+"""Which topics and types a ROS bag has for the topics of a recording."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ...codecs.ros import standard_types
+from ...codecs.ros.message_columns import Struct
+from ...errors import ConversionError, ConversionWarning, OptionError
+from ...file_names import MESSAGE, TRACK
+from ...mcap.message import Channel
+from ...query import counts, exact_blocks
+from ...rows.encode import TIME_KEY
+from ..export_job import Job
+from . import (
+    arrow_blocks,
+    conventions,
+    lossless,
+    lossless_definitions,
+    standard,
+    underivable,
+)
+from . import (
+    ros_names as names,
+)
+from .forms import Form
+from .lossless import Field, Message
+from .standard import Derived
+
+_MOST_OFFSET_S = 2**33
+"""Nanoseconds that a signed 64-bit number holds are more."""
+
+PROFILES = ("std+lossless", "std", "lossless", "json")
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What a caller wants of a bag, whatever its format."""
+
+    profile: str = "std+lossless"
+    mapping: Mapping[str, Any] | None = None
+    time_offset: float = 0.0
+    """Added to all times but the field `ts`, in s."""
+    package: str = "ml_dash_msgs"
+    frame_id: str = ""
+    """Of topics whose metadata has none."""
+    tf: bool = False
+    on_bad: str = "raise"
+    is_ros1: bool = False
+    room: int = 0
+    """Bytes to leave before each message."""
+    is_in_order: bool = False
+    """Whether messages of different topics must be nearly in order."""
+    embed_images: bool | str | Path = False
+    """Whether fields that hold the paths of images stand for the images; or the folder that the paths begin at."""
+
+    def __post_init__(self) -> None:
+        names.check_package(self.package)
+        for name, value, known in (
+            ("profile", self.profile, PROFILES),
+            ("on_bad", self.on_bad, ("raise", "lossless")),
+        ):
+            if value not in known:
+                raise OptionError(f"{name}={value!r}: it must be one of {', '.join(map(repr, known))}")
+        if self.mapping is not None and not isinstance(self.mapping, Mapping):
+            raise OptionError(f"mapping={self.mapping!r}: pass a dict of topics")
+        is_number = isinstance(self.time_offset, (int, float)) and not isinstance(self.time_offset, bool)
+        if not is_number or not abs(self.time_offset) < _MOST_OFFSET_S:
+            raise OptionError(f"time_offset={self.time_offset!r}: pass seconds, less than {_MOST_OFFSET_S}")
+        if not isinstance(self.frame_id, str) or "\0" in self.frame_id:
+            raise OptionError(f"frame_id={self.frame_id!r}: pass a name")
+        if not isinstance(self.tf, bool):
+            raise OptionError(f"tf={self.tf!r}: it must be True or False")
+
+
+@dataclass(frozen=True, slots=True)
+class Outlet:
+    """A topic of the bag."""
+
+    number: int
+    topic: str
+    type: str
+    """With its package, as in "sensor_msgs/msg/JointState"."""
+    text: str
+    """The type's definition, followed by those of the messages in it."""
+    digest: str
+    struct: Struct = field(repr=False)
+    """How its messages are serialised; without fields for those that are carried."""
+    carried: Channel | None = field(default=None, repr=False)
+    """What a topic is whose messages are carried as they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How the rows of a topic become messages."""
+
+    topic: str
+    message: Message
+    own: Outlet | None
+    """For the message that says all; None if it is not wanted."""
+    derived: tuple[tuple[Derived, Outlet], ...]
+
+    @property
+    def paths(self) -> list[tuple[Field, ...]]:
+        """The ways to the fields whose texts are the paths of images to embed."""
+        fields = [one.fields["data"] for one, _ in self.derived if one.type == conventions.COMPRESSED]
+        return [way for way in fields if way[-1].kind == "string"]
+
+
+class Planner:
+    """Plans a bag."""
+
+    def __init__(self, job: Job, settings: Settings, others: Sequence[Outlet] = ()) -> None:
+        """Prepare to plan.
+
+        Args:
+            job: What is exported.
+            settings: What the caller wants.
+            others: Topics that the bag has besides.
+
+        Raises:
+            ConversionError: The mapping has a topic that is not exported.
+        """
+        self._job = job
+        self._settings = settings
+        self._others = others
+        self._warned: set[str] = set()
+        self.outlets: list[Outlet] = []
+        """All topics of the bag."""
+        self.metadata = {name: dict(info.metadata) for name, info in job.topics.items()}
+        """What was said of our topics."""
+        for topic in settings.mapping or ():
+            if topic not in job.topics:
+                there = ", ".join(map(repr, job.topics)) or "none"
+                raise ConversionError(f"mapping has the topic {topic!r}, which is not exported; there are {there}")
+
+    def plan(self, found: Mapping[str, Form]) -> list[Plan]:
+        """Return how the rows of each topic become messages.
+
+        Args:
+            found: Topics, to the forms of their rows.
+
+        Raises:
+            ConversionError: The mapping or the metadata do not fit the rows.
+        """
+        self.outlets = []
+        called: dict[str, str] = {}
+        others = {one.topic for one in self._others}
+        for topic in found:  # first of all, so that no standard message takes a name of ours
+            called[topic] = names.topic(topic, {*called.values(), *others})
+        taken_types: set[str] = set()
+        taken_topics = {*called.values(), *others}
+        plans = [self._planned(topic, form, called[topic], taken_types, taken_topics) for topic, form in found.items()]
+        if self._settings.embed_images is not False and not any(plan.paths for plan in plans):
+            self.warn("embed_images: no field holds paths of .jpg or .png files")
+        return plans
+
+    def warn(self, what: str, first: str = "") -> None:
+        """Say once what the bag does not say."""
+        if what not in self._warned:
+            self._warned.add(what)
+            warnings.warn(f"{what}; the first: {first}" if first else what, ConversionWarning, stacklevel=2)
+
+    def _planned(self, topic: str, form: Form, called: str, taken_types: set[str], taken_topics: set[str]) -> Plan:
+        settings = self._settings
+        is_json = settings.profile == "json"
+        message = lossless.design(form, topic, set() if is_json else taken_types, is_json=is_json)
+        wanted = self._wanted(topic, message, called, taken_topics) if "std" in settings.profile else []
+        about = {} if is_json else self._about(topic, wanted)  # one type of JSON for all topics
+        message = Message(message.name, message.fields, message.is_stated, True, about)
+        own = None
+        if settings.profile != "std":
+            type_ = f"{settings.package}/msg/{message.name}"
+            text = lossless_definitions.embedded(message, settings.package, is_ros1=settings.is_ros1)
+            digest = standard_types.digest(type_, text, is_ros1=settings.is_ros1)
+            struct = lossless.struct(message, settings.package, is_ros1=settings.is_ros1)
+            own = self._outlet(called, type_, text, digest, struct)
+        derived = [(one, self._standard(one)) for one in wanted]
+        if own is None and not derived and form.count:
+            self.warn(f"topic {topic!r}: no standard message says what its fields hold; profile='std' leaves it out")
+        return Plan(topic, message, own, tuple(derived))
+
+    def _about(self, topic: str, wanted: list[Derived]) -> dict[str, Any]:
+        """Return what a message's definition says besides its fields, in bags that have no other place for it too."""
+        info = self._job.topics[topic]
+        said: dict[str, Any] = {"topic": topic}
+        kind = counts.kind(self._job.files, topic)
+        if kind != TRACK:
+            said["kind"] = kind or MESSAGE
+        if info.description is not None:
+            said["description"] = info.description
+        if info.tags:
+            said["tags"] = list(info.tags)
+        if info.metadata:
+            said["metadata"] = dict(info.metadata)
+        if wanted:
+            said["derived"] = [one.topic for one in wanted]
+        return said
+
+    def _wanted(self, topic: str, message: Message, called: str, taken: set[str]) -> list[Derived]:
+        settings = self._settings
+        mapping = (settings.mapping or {}).get(topic, {})
+        if mapping is None or mapping is False:
+            return []
+        if not isinstance(mapping, Mapping):
+            raise OptionError(
+                f"mapping of the topic {topic!r} is {mapping!r}: pass a dict of standard messages, or None"
+            )
+        said = self.metadata[topic]
+        try:
+            wanted = standard.derive(
+                message, called, said, mapping, tf=settings.tf, embeds=settings.embed_images is not False
+            )
+        except ConversionError as error:
+            raise ConversionError(f"topic {topic!r}: {error}") from error
+        self._check_units(topic)
+        found = []
+        for one in wanted:
+            why = underivable.check(one)
+            ragged = underivable.ragged_role(one)
+            where = (
+                f"topic {topic!r}" if ragged is None else f"topic {topic!r}{self._uneven(topic, one.fields[ragged])}"
+            )
+            if why is not None and settings.on_bad == "raise":
+                suffix = one.topic.removeprefix(f"{called}/")
+                raise ConversionError(
+                    f"{where}: {why}, so {one.topic} cannot be written; pass mapping={{{topic!r}: {{{suffix!r}:"
+                    " None}} to leave it out, or on_bad='lossless' to leave out all such with a warning"
+                )
+            is_taken = one.topic in taken and not (one.type == conventions.TF and one.topic == "/tf")
+            if is_taken and one.is_asked and settings.on_bad == "raise":
+                raise ConversionError(f"topic {topic!r}: mapping of {one.topic!r}: another topic has that name")
+            if why is not None or is_taken:
+                self.warn(f"{where}: {one.topic} is left out: {why or 'another topic has that name'}")
+                continue
+            taken.add(one.topic)
+            found.append(one)
+        return found
+
+    def _check_units(self, topic: str) -> None:
+        """Warn of units of fields that a topic does not have, perhaps because they are nested."""
+        said = self.metadata[topic].get("units")
+        there = self._job.topics[topic].fields
+        for key in said if isinstance(said, Mapping) else ():
+            if there and not any(name == key or name.startswith(f"{key}.") for name in there):
+                self.warn(
+                    f"topic {topic!r}: its units have {key!r}, and there is no such field; there are {_list(there)}"
+                )
+
+    def _uneven(self, topic: str, way: tuple[Field, ...]) -> str:
+        """Say which is the first row where a field's length differs from the one before."""
+        number, length = 0, None
+        for part in exact_blocks.read(self._job.files, topic, self._job.low, self._job.high):
+            for row in part if isinstance(part, list) else arrow_blocks.to_rows(part):
+                value: Any = row
+                for one in way:
+                    value = value.get(one.key) if isinstance(value, dict) else None
+                if isinstance(value, list):
+                    if length is not None and len(value) != length:
+                        return f", row {number} (_ts={row[TIME_KEY]!r})"
+                    length = len(value)
+                number += 1
+        return ""
+
+    def _standard(self, one: Derived) -> Outlet:
+        """Return the outlet of a standard message; `/tf` is everybody's."""
+        for other in self.outlets:
+            if other.topic == one.topic:
+                return other
+        text, digest = standard_types.definition(one.type, is_ros1=self._settings.is_ros1)
+        struct = standard_types.struct(one.type, is_ros1=self._settings.is_ros1)
+        return self._outlet(one.topic, one.type, text, digest, struct)
+
+    def _outlet(self, topic: str, type_: str, text: str, digest: str, struct: Struct) -> Outlet:
+        outlet = Outlet(len(self._others) + len(self.outlets) + 1, topic, type_, text, digest, struct)
+        self.outlets.append(outlet)
+        return outlet
+
+
+def _list(names: Iterable[str]) -> str:
+    shown = [*itertools.islice(names, 21)]
+    return ", ".join([*shown[:20], "..."] if len(shown) > 20 else shown)

@@ -1,0 +1,1 @@
+"""ROS 1 bags (http://wiki.ros.org/Bags/Format/2.0)."""

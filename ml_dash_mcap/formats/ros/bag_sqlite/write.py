@@ -1,0 +1,166 @@
+"""One SQLite file of a rosbag2 folder: version 4 of the schema of rosbag2_storage_sqlite3."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ....errors import ConversionError
+from ....mcap.message import MessageBlock
+from ..bag_plan import Outlet
+from ..rows_out import Sent
+
+SUFFIX = ".db3"
+
+_TABLES = """
+CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
+CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL);
+CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
+    serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL, type_description_hash TEXT NOT NULL);
+CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL,
+    encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL);
+CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
+    data BLOB NOT NULL);
+"""
+_INDEX = "CREATE INDEX timestamp_idx ON messages (timestamp ASC)"
+
+
+class Storage:
+    """A file that takes messages until it is finished."""
+
+    room = 0
+    """Bytes that each message needs before it."""
+
+    def __init__(
+        self, path: Path, outlets: Sequence[Outlet], qos: Callable[[Outlet], str], distro: str, version: int
+    ) -> None:
+        """Begin a file.
+
+        Args:
+            path: Of the file.
+            outlets: All topics.
+            qos: What a topic was offered with, as YAML.
+            distro: Of ROS 2.
+            version: Of the metadata.
+
+        Raises:
+            ConversionError: Two topics have different definitions of one type.
+        """
+        _check_types(outlets)
+        self._version = version
+        self._base = sqlite3.connect(path, isolation_level=None)
+        # The file gets its name when it is whole, so nothing has to be undone in it.
+        self._base.execute("PRAGMA journal_mode=OFF")
+        self._base.execute("PRAGMA synchronous=OFF")
+        self._base.executescript(_TABLES)
+        self._base.execute("BEGIN")
+        self._base.execute("INSERT INTO schema VALUES (4, ?)", (distro,))
+        self._base.executemany(
+            "INSERT INTO topics VALUES (?, ?, ?, 'cdr', ?, ?)",
+            [(one.number, one.topic, one.type, qos(one), one.digest) for one in outlets],
+        )
+        self._base.executemany(
+            "INSERT INTO message_definitions(topic_type, encoding, encoded_message_definition, type_description_hash)"
+            " VALUES (?, ?, ?, ?)",
+            [
+                (one.type, _encoding(one), one.text, one.digest)
+                for one in {one.type: one for one in outlets}.values()
+                if _encoding(one)
+            ],
+        )
+        self.size = 0
+        """Bytes of messages so far."""
+        self.counts: dict[int, int] = {}
+        self.start_ns = 0
+        self.end_ns = 0
+
+    def write(self, sent: Sequence[Sent]) -> None:
+        """Write messages, by time."""
+        rows = [
+            (time, one.outlet.number, data)
+            for one in sent
+            for time, data in zip(one.times_ns.tolist(), one.packed.messages(), strict=True)
+        ]
+        if not rows:
+            return
+        if len(sent) > 1:
+            rows.sort(key=lambda row: row[:2])
+        self._base.executemany("INSERT INTO messages(timestamp, topic_id, data) VALUES (?, ?, ?)", rows)
+        self.start_ns = min(self.start_ns, rows[0][0]) if self.counts else rows[0][0]
+        self.end_ns = max(self.end_ns, rows[-1][0])
+        for one in sent:
+            self.counts[one.outlet.number] = self.counts.get(one.outlet.number, 0) + len(one.times_ns)
+            self.size += len(one.packed.data)
+
+    def pack(self, block: MessageBlock) -> MessageBlock:
+        """Return messages that are carried: there is nothing to prepare."""
+        return block
+
+    def write_packed(self, block: MessageBlock) -> None:
+        """Write messages that are carried, in their order."""
+        rows = zip(block.times_ns.tolist(), block.channels.tolist(), block.payloads, strict=True)
+        try:
+            self._base.executemany("INSERT INTO messages(timestamp, topic_id, data) VALUES (?, ?, ?)", rows)
+        except OverflowError as error:
+            raise ConversionError("SQLite has no room for times after the year 2262; pass storage='mcap'") from error
+        first, last = int(block.times_ns.min()), int(block.times_ns.max())
+        self.start_ns = min(self.start_ns, first) if self.counts else first
+        self.end_ns = max(self.end_ns, last)
+        for number, count in zip(*np.unique(block.channels, return_counts=True), strict=True):
+            self.counts[int(number)] = self.counts.get(int(number), 0) + int(count)
+        self.size += block.size
+
+    def finish(self, information: str) -> None:
+        """Write the file's end.
+
+        Args:
+            information: What is said of it, as YAML.
+        """
+        self._base.execute(
+            "INSERT INTO metadata(metadata_version, metadata) VALUES (?, ?)", (self._version, information)
+        )
+        self._base.execute(_INDEX)
+        self._base.execute("COMMIT")
+        self.close()
+
+    def close(self) -> None:
+        """Close the file, finished or not. May be called twice."""
+        self._base.close()
+
+
+def _check_types(outlets: Sequence[Outlet]) -> None:
+    """Refuse two definitions of one type: the schema has one a name, by which messages of the other would be read."""
+    first: dict[str, Outlet] = {}
+    for one in outlets:
+        if not _encoding(one):
+            continue
+        other = first.setdefault(one.type, one)
+        if not _is_same(one, other):
+            where = (
+                f"topic {one.topic!r} has" if one.topic == other.topic else f"{other.topic!r} and {one.topic!r} have"
+            )
+            raise ConversionError(
+                f"{where} two definitions of the type {one.type!r}, and SQLite keeps one a type; pass storage='mcap', "
+                "which keeps both"
+            )
+
+
+def _is_same(one: Outlet, other: Outlet) -> bool:
+    """Whether two outlets of one type say the same of it, but for comments, which no hash counts either."""
+    if one.digest and one.digest == other.digest:
+        return True
+    return _encoding(one) == _encoding(other) and _lines(one) == _lines(other)
+
+
+def _lines(outlet: Outlet) -> list[list[str]]:
+    if _encoding(outlet) != "ros2msg":
+        return [[outlet.text]]
+    return [words for line in outlet.text.splitlines() if (words := line.partition("#")[0].split())]
+
+
+def _encoding(outlet: Outlet) -> str:
+    """Return what a type is defined in; empty where nobody defines it."""
+    return "ros2msg" if outlet.carried is None else outlet.carried.schema_encoding

@@ -1,0 +1,94 @@
+"""What the types of a bag's messages are made of: as the bag says, as the caller says, or as ROS's own packages do."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+from ...codecs.decode import DIGEST_KEYS
+from ...codecs.decoding import Decoding
+from ...codecs.ros.definition_sources import Supply, complete
+from ...codecs.ros.distros import Likely
+from ...errors import ConversionWarning, EncodingError
+from ...mcap.message import Channel
+
+
+class Types:
+    """The definitions of a bag's types."""
+
+    def __init__(self, decoding: Decoding, likely: Likely) -> None:
+        """Begin.
+
+        Args:
+            decoding: What the caller says of types, and what happens where nobody knows one.
+            likely: The distributions of ROS 2 that may have recorded the bag.
+        """
+        self.decoding = decoding
+        self.likely = likely
+        self._supply = Supply(decoding.definitions)
+        self._known: dict[Channel, Channel] = {}
+
+    def described(self, channel: Channel) -> Channel:
+        """Return a channel with its type's definition: the caller's, the bag's own, or else ROS's."""
+        if channel not in self._known:
+            self._known[channel] = self._described(channel)
+        return self._known[channel]
+
+    def is_unknown(self, channel: Channel) -> bool:
+        """Whether nobody knows what its messages, which are ROS's, are made of."""
+        described = self.described(channel)
+        return channel.message_encoding in ("cdr", "ros1") and not (described.definition or described.schema_encoding)
+
+    def name_unknown(self, channel: Channel) -> None:
+        """Say that nobody knows a type of which there are messages.
+
+        Raises:
+            EncodingError: That is an error.
+        """
+        what = (
+            f"topic {channel.topic!r} of type {channel.type!r}: the bag does not define it, and it is no standard"
+            " message"
+        )
+        how = f"pass definitions={{{channel.type!r}: <its .msg text>}}"
+        if self.decoding.on_unknown == "raise":
+            raise EncodingError(f"{what}; {how}, or on_unknown='skip' to leave it out, or 'bytes' to keep its bytes")
+        warnings.warn(f"{what}; its messages are kept as bytes; {how}", ConversionWarning, stacklevel=2)
+
+    def _described(self, channel: Channel) -> Channel:
+        if channel.message_encoding not in ("cdr", "ros1"):
+            return channel
+        encoding = "ros1msg" if channel.is_ros1 else "ros2msg"
+        digest = dict(channel.metadata).get(DIGEST_KEYS[channel.is_ros1], "")
+        if self.decoding.definitions and (channel.definition or self._supply.text(channel.type) is not None):
+            return self._completed(channel, digest)
+        if channel.definition:
+            return channel
+        from ...codecs.ros import standard_types
+
+        try:
+            found = standard_types.find(channel.type, self.likely, is_ros1=channel.is_ros1, digest=digest)
+        except EncodingError:
+            return channel  # an encoding without a text says that the type has no fields
+        if found.others:
+            warnings.warn(
+                f"topic {channel.topic!r}: {channel.type} is taken for that of {found.distro}; that of"
+                f" {', '.join(found.others)} has other fields, and the bag does not say which it is; pass"
+                f" definitions={{{channel.type!r}: <its .msg text>}} to say it",
+                ConversionWarning,
+                stacklevel=2,
+            )
+        return replace(channel, schema_encoding=encoding, definition=found.text.encode())
+
+    def _completed(self, channel: Channel, digest: str) -> Channel:
+        """Return a channel whose definition is the caller's, or has those of the caller's types that it lacks."""
+        supply = replace(self._supply, likely=self.likely, is_ros1=channel.is_ros1, digest=digest)
+        given = self._supply.text(channel.type)
+        try:
+            encoding, text = complete(channel.type, channel.schema_encoding, channel.text, supply)
+        except EncodingError:  # there is one that nobody knows; what there is stays as it is
+            if given is None:
+                return channel
+            encoding, text = "ros1msg" if channel.is_ros1 else "ros2msg", given
+        if given is None and text == channel.text:
+            return channel
+        return replace(channel, schema_encoding=encoding, definition=text.encode())

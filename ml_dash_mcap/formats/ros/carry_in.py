@@ -1,0 +1,209 @@
+"""A bag as a recording, message by message as it was: bytes, times, types, definitions, topics without messages.
+
+Each file of the bag becomes an MCAP file, in ROS's own encoding, that ROS, Foxglove and every MCAP reader know. Chunks
+of MCAP files are copied as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import EncodingError
+from ...file_names import BAG_RECORD, SEGMENT_SUFFIX, is_like_a_bomb
+from ...mcap import record_bytes as written
+from ...mcap import records
+from ...mcap.chunk_writer import Chunk, compressor
+from ...mcap.message import Channel, MessageBlock
+from ...mcap.message_file import MOST_CHANNELS, MessageFile, pack
+from ...mcap.record_fields import Fields
+from ...options import RecorderOptions
+from ...query import stored_messages
+from ...query.stored_messages import StoredChunk
+from ...rows import read_ahead
+from . import bag_information
+from .bag_contents import Bag, BagFile
+from .bag_mcap.read import McapBag
+from .bag_sqlite.read import SqliteBag
+from .bag_types import Types
+
+
+class Carrier:
+    """Copies the files of a bag into a recording's folder."""
+
+    def __init__(
+        self,
+        src: Path,
+        bag: Bag,
+        folder: Path,
+        prefix: str,
+        types: Types,
+        wanted: Collection[Channel],
+        *,
+        keeps_all_files: bool,
+    ) -> None:
+        """Prepare to copy.
+
+        Args:
+            src: Of the bag, for the errors.
+            bag: What to copy.
+            folder: Of the recording.
+            prefix: What the names of its files start with.
+            types: What is known of the bag's types.
+            wanted: Which of the bag's channels to copy.
+            keeps_all_files: Whether files without such channels are copied too, for what else is in them.
+        """
+        self._src = src
+        self._bag = bag
+        self._folder = folder
+        self._prefix = prefix
+        self._keeps_all_files = keeps_all_files
+        self._types = types
+        self._wanted = wanted
+        self._number = 0
+        self._warned: set[str] = set()
+
+    def copy(self, file: BagFile) -> Iterator[int]:
+        """Copy a file of the bag; yields how many messages were copied, some at a time.
+
+        Raises:
+            DamagedFileError: The file is damaged.
+            EncodingError: Nobody knows what a message of it is made of, and that was not to be.
+        """
+        numbers = [number for number, channel in file.channels.items() if channel in self._wanted]
+        if not numbers and not self._keeps_all_files:
+            return
+        keeps_ids = isinstance(file, McapBag)
+        ids = {number: number if keeps_ids else at for at, number in enumerate(numbers, start=1)}
+        if len(ids) > MOST_CHANNELS:
+            raise EncodingError(f"{self._src}: it has {len(ids)} topics and connections; MCAP has {MOST_CHANNELS}")
+        self._number += 1
+        name = f"{self._prefix}_{self._number:06d}{SEGMENT_SUFFIX}"  # files are read in the order of their names
+        dest = MessageFile(self._folder / name, self._profile(file))
+        try:
+            self._begin(dest, file, ids)
+            unknown = {number for number in numbers if self._types.is_unknown(file.channels[number])}
+            for chunk in self._chunks(file, ids):
+                self._name_unknown(file, unknown & self._sources(ids, chunk.counts))
+                dest.add_chunk(chunk)
+                yield sum(chunk.counts.values())
+            self._end(dest, file)
+            dest.finish()
+        finally:
+            dest.close()
+
+    def _profile(self, file: BagFile) -> str:
+        return (
+            file.file.index.header.profile if isinstance(file, McapBag) else self._bag.format.replace("rosbag", "ros")
+        )
+
+    def _begin(self, dest: MessageFile, file: BagFile, ids: Mapping[int, int]) -> None:
+        """Write schemas and channels; those of MCAP files keep their ids, because their chunks may repeat them."""
+        known = {number: self._types.described(file.channels[number]) for number in ids}
+        if isinstance(file, McapBag):
+            for schema in file.file.index.schemas.values():
+                if any(_has(known[number], schema) for number in ids):
+                    dest.add_schema(schema.id, schema.name, schema.encoding, schema.data)
+        for number, channel_id in ids.items():
+            schema_id = None
+            if isinstance(file, McapBag):
+                found = file.file.index.schemas.get(file.file.index.channels[number].schema_id)
+                schema_id = found.id if found is not None and _has(known[number], found) else None
+            dest.add_channel(channel_id, known[number], schema_id)
+
+    def _end(self, dest: MessageFile, file: BagFile) -> None:
+        """Copy what else is in the file, and say what bag it was."""
+        values = {"format": self._bag.format, "file": file.name}
+        names = set()
+        if isinstance(file, McapBag):
+            values["library"] = file.file.index.header.library
+            for one in file.file.metadata():
+                dest.add_metadata(one.name, one.values)
+                names.add(one.name)
+            for record, index in stored_messages.attachments(file.file):
+                dest.add_attachment(record, index)
+        text = self._bag.text
+        if bag_information.RECORD not in names and self._bag.format == "rosbag2":
+            inside = file.information if isinstance(file, SqliteBag) else ""
+            said = {"ROS_DISTRO": self._bag.distro, "serialized_metadata": inside or text}
+            if any(said.values()):
+                dest.add_metadata(bag_information.RECORD, said)
+        if text:
+            values["metadata.yaml"] = text
+        dest.add_metadata(BAG_RECORD, values)
+
+    def _chunks(self, file: BagFile, ids: Mapping[int, int]) -> Iterator[Chunk]:
+        if isinstance(file, McapBag) and not file.is_packed:
+            same = all(self._types.described(file.channels[number]) == file.channels[number] for number in ids)
+            is_whole = same and set(ids) == set(file.channels)  # or else chunks may repeat what is not so any more
+            found = stored_messages.chunks(file.file, sorted(ids))
+            return read_ahead.in_order(lambda chunk: _copied(chunk, is_whole), found, weigh=lambda one: len(one.record))
+        blocks = (block.renumbered(ids) for block in file.blocks(ids.keys()))
+        return read_ahead.in_order(_packed, blocks, weigh=lambda block: 2 * block.size)
+
+    @staticmethod
+    def _sources(ids: Mapping[int, int], present: Collection[int]) -> set[int]:
+        return {number for number, channel_id in ids.items() if channel_id in present}
+
+    def _name_unknown(self, file: BagFile, numbers: set[int]) -> None:
+        for number in numbers:
+            channel = file.channels[number]
+            if channel.topic not in self._warned:
+                self._warned.add(channel.topic)
+                self._types.name_unknown(channel)
+
+
+def _has(channel: Channel, schema: records.Schema) -> bool:
+    """Whether a channel's type is what a schema says."""
+    known = (channel.type, channel.schema_encoding, channel.definition)
+    return known == (schema.name, schema.encoding, schema.data)
+
+
+def _packed(block: MessageBlock) -> Chunk:
+    return pack(block, compressor(RecorderOptions()))
+
+
+def _copied(found: StoredChunk, is_whole: bool) -> Chunk:
+    """Return a chunk as it was, or made anew.
+
+    That is needed where some of its messages stay behind, it says a wrong time, or nobody would read it without raising
+    a limit.
+    """
+    start_ns = min(int(one.times_ns.min()) for one in found.messages if len(one))
+    end_ns = max(int(one.times_ns.max()) for one in found.messages if len(one))
+    if is_whole and found.record:
+        fields = Fields(found.record, "", 0, records.PREFIX_BYTES)
+        head = records.chunk_head(fields)
+        begin = records.PREFIX_BYTES + head.records_at
+        is_plain = begin + head.records_length == len(found.record)
+        if (
+            (start_ns, end_ns) == (head.start_ns, head.end_ns)
+            and is_plain
+            and not is_like_a_bomb(head.uncompressed_size, head.records_length)
+        ):
+            indexes, counts = _indexes(found)
+            return Chunk(
+                bytes(found.record[:begin]),
+                memoryview(found.record)[begin:],
+                head.compression,
+                head.uncompressed_size,
+                start_ns,
+                end_ns,
+                indexes,
+                counts,
+            )
+    return _packed(stored_messages.block_of(found.messages))
+
+
+def _indexes(found: StoredChunk) -> tuple[dict[int, bytes], dict[int, int]]:
+    indexes, counts = {}, {}
+    for messages in found.messages:
+        if len(messages):
+            order = np.lexsort((messages.offsets, messages.times_ns))
+            entries = np.empty(len(messages), written.INDEX_ENTRY_DTYPE)
+            entries["time"], entries["offset"] = messages.times_ns[order], messages.offsets[order]
+            indexes[messages.channel_id] = written.message_index(messages.channel_id, entries)
+            counts[messages.channel_id] = len(messages)
+    return indexes, counts

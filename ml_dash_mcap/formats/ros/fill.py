@@ -1,0 +1,181 @@
+"""Rows to the columns of their message."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from itertools import chain
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...codecs.ros.message_columns import Column, Ragged, texts
+from ...rows import packed
+from ...rows.encode import EXACT_KEY, TIME_KEY, dumps_any, exact_as_read, has_lone_surrogates, loads_any
+from .forms import SAFE_INTEGER
+from .lossless import INTEGER, MISSING, NONE, PRESENT, ROW_KEY, STATE, Field, Message
+
+Row = Mapping[str, Any]
+
+_NOT_THERE: Any = object()
+_NONE_TYPE = type(None)
+_KINDS = {"bool": bool, "int64": int, "uint64": int, "float64": float}
+_DTYPES = {"bool": np.uint8, "int64": np.int64, "uint64": np.uint64, "float64": np.float64}
+_RANGES = {"int64": (-(2**63), 2**63 - 1), "uint64": (0, 2**64 - 1)}
+_NOTHING = {"bool": False, "int64": 0, "uint64": 0, "float64": 0.0, "string": "", "bytes": b"", "json": ""}
+
+VALUE_KEY = "_value"
+"""Holds a value with NaN, infinities or bytes in it in a JSON field, beside the side key `_exact`."""
+
+
+class MisfitError(Exception):
+    """Rows have something that the message has no place for; one that has can be designed from all rows."""
+
+
+def fill(message: Message, rows: Sequence[Row]) -> dict[str, Column]:
+    """Return the fields of messages for rows, but for their header and time stamp.
+
+    Raises:
+        MisfitError: A row has something that the message cannot say.
+    """
+    if len(message.fields) == 1 and message.fields[0].key == ROW_KEY and message.fields[0].kind == "json":
+        return {message.fields[0].name: texts([_row_text(row) for row in rows])}
+    keys = {one.key for one in message.fields}
+    for row in rows:
+        if not row.keys() - {TIME_KEY} <= keys:
+            raise MisfitError
+    states = np.full((len(rows), len(message.fields)), PRESENT, np.uint8)
+    columns: dict[str, Column] = {}
+    for number, one in enumerate(message.fields):
+        values = [row.get(one.key, _NOT_THERE) for row in rows]
+        states[:, number] = _states(values)
+        columns.update(column(one, values, states[:, number]))
+    if message.is_stated:
+        return {STATE: states, **columns}
+    if (states != PRESENT).any():
+        raise MisfitError
+    return columns
+
+
+def _row_text(row: Row) -> str:
+    return _json({key: value for key, value in row.items() if key != TIME_KEY})
+
+
+def _states(values: list[Any]) -> npt.NDArray[np.uint8]:
+    return np.fromiter(
+        (MISSING if value is _NOT_THERE else NONE if value is None else PRESENT for value in values),
+        np.uint8,
+        len(values),
+    )
+
+
+def column(one: Field, values: list[Any], states: npt.NDArray[np.uint8]) -> dict[str, Column]:
+    """Return a field's column, and the one that says which elements are integers.
+
+    Args:
+        one: The field.
+        values: Of each message; anything where `states` does not say PRESENT.
+        states: What `field_state` says of the field, [N]; gets INTEGER where a value is one among doubles.
+    """
+    if not (states == PRESENT).all():
+        nothing = default(one)
+        values = [nothing if state != PRESENT else value for value, state in zip(values, states.tolist(), strict=True)]
+    if one.kind == "json":
+        return {one.name: texts([_json(value) for value in values])}
+    if one.is_array:
+        return {one.name: _arrays(one, values)}
+    if one.shape == ():
+        if one.kind == "float64" and int in set(map(type, values)):
+            are_integers = np.fromiter((type(value) is int for value in values), np.bool_, len(values))
+            states[are_integers & (states == PRESENT)] = INTEGER
+            return {one.name: _numbers(one.kind, values, allows_integers=True)}
+        return {one.name: _flat(one, values)}
+    if one.shape is not None:
+        flat, size = _flatten(values, one.shape), math.prod(one.shape)
+        return _with_integers(one, flat, lambda column: column.reshape(len(values), size))
+    _check(values, list)
+    lengths = np.fromiter(map(len, values), np.int64, len(values))
+    return _with_integers(one, list(chain.from_iterable(values)), lambda col: Ragged.behind_each_other(col, lengths))
+
+
+def _arrays(one: Field, values: list[Any]) -> Column:
+    """Return arrays of one type and shape as a column, [N, k]."""
+    wanted = f"{one.kind}[{','.join(map(str, one.shape or ()))}]"
+    if any(not isinstance(value, np.ndarray) or packed.spelling(value) != wanted for value in values):
+        raise MisfitError
+    found = np.stack(values).reshape(len(values), -1)
+    return found.view(np.uint8) if one.kind == "bool" else found
+
+
+def _with_integers(one: Field, flat: list[Any], shape: Callable[[Column], Column]) -> dict[str, Column]:
+    if one.integers is None:
+        return {one.name: shape(_flat(one, flat))}
+    marks = np.fromiter((type(value) is int for value in flat), np.uint8, len(flat))
+    return {one.name: shape(_numbers(one.kind, flat, allows_integers=True)), one.integers: shape(marks)}
+
+
+def _flat(one: Field, values: list[Any]) -> Column:
+    """Return values of a field, or elements of its lists, as a column."""
+    if one.message is not None:
+        _check(values, dict)
+        return fill(one.message, values)
+    if one.kind == "string":
+        _check(values, str)
+        if any("\0" in value or has_lone_surrogates(value) for value in values):
+            raise MisfitError
+        return texts(values)
+    if one.kind == "bytes":
+        _check(values, bytes)
+        lengths = np.fromiter(map(len, values), np.int64, len(values))
+        return Ragged.behind_each_other(np.frombuffer(b"".join(values), np.uint8), lengths)
+    return _numbers(one.kind, values, allows_integers=False)
+
+
+def _numbers(kind: str, values: list[Any], *, allows_integers: bool) -> npt.NDArray[Any]:
+    found = set(map(type, values))
+    if not found <= ({float, int} if allows_integers else {_KINDS[kind]}):
+        raise MisfitError
+    if kind in _RANGES and values and not _RANGES[kind][0] <= min(values) <= max(values) <= _RANGES[kind][1]:
+        raise MisfitError
+    if allows_integers:
+        for value in values:
+            if type(value) is int and not -SAFE_INTEGER <= value <= SAFE_INTEGER:
+                raise MisfitError
+    return np.array(values, _DTYPES[kind])
+
+
+def _flatten(values: list[Any], shape: tuple[int, ...]) -> list[Any]:
+    for length in shape:
+        _check(values, list)
+        if set(map(len, values)) - {length}:
+            raise MisfitError
+        values = list(chain.from_iterable(values))
+    return values
+
+
+def _check(values: list[Any], kind: type) -> None:
+    if set(map(type, values)) - {kind}:
+        raise MisfitError
+
+
+def default(one: Field) -> Any:
+    """Return what stands for a value that is not there."""
+    if one.shape is None:
+        return []
+    if one.is_array:
+        return np.zeros(one.shape or (), one.kind)
+    if one.message is not None:
+        return {inner.key: default(inner) for inner in one.message.fields}
+    value = _NOTHING[one.kind]
+    for length in reversed(one.shape):
+        value = [value] * length
+    return value
+
+
+def _json(value: Any) -> str:
+    """Say a value as JSON; one that JSON cannot say is wrapped as `{"_value": ..., "_exact": ...}`."""
+    row = loads_any(exact_as_read({VALUE_KEY: value}))
+    row.pop(TIME_KEY, None)
+    is_wrapped = EXACT_KEY in row or (isinstance(value, dict) and (VALUE_KEY in value or EXACT_KEY in value))
+    return dumps_any(row if is_wrapped else row[VALUE_KEY]).decode()

@@ -1,0 +1,258 @@
+"""ROS bags of both generations as recordings."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from ...codecs.decoding import decoding
+from ...codecs.ros import distros
+from ...errors import ConversionWarning, DamagedFileError, OptionError, StorageError, UsageError
+from ...mcap.limits import DEFAULT, Limits
+from ...mcap.message import Channel
+from ...recorder import Recorder
+from . import bag_folder, bag_information, lossless_definitions
+from .bag_contents import Bag, batches
+from .bag_folder import FolderBag
+from .bag_mcap import read as bag_mcap
+from .bag_types import Types
+from .carry_in import Carrier
+from .rows_in import Intake, Origins
+
+Progress = Callable[[int, int], object]
+
+_ROS1_MAGIC = b"#ROSBAG V"
+_HEAD = 64
+
+
+def detect(path: Path) -> str | None:
+    """Return "rosbag1" or "rosbag2" if a bag is at a path, else None."""
+    if path.is_dir():
+        metadata = path / bag_folder.METADATA
+        try:
+            if metadata.is_file() and bag_information.ROOT in metadata.read_text(encoding="utf-8", errors="replace"):
+                return "rosbag2"
+        except OSError:
+            return None
+        return "rosbag2" if any(_is_of_folder(one) for one in path.iterdir()) else None
+    head = _head(path)
+    if head.startswith(_ROS1_MAGIC) or path.suffix == ".bag":
+        return "rosbag1"
+    return "rosbag2" if path.name.endswith((".db3", ".db3.zstd", ".mcap.zstd")) or _is_ros2(head) else None
+
+
+def _is_of_folder(path: Path) -> bool:
+    """Whether a file, in a folder without metadata, is one of a bag."""
+    if path.name.endswith((".db3", ".db3.zstd", ".mcap.zstd")):
+        return True
+    return path.suffix == ".mcap" and _is_ros2(_head(path))
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(_HEAD)
+    except OSError:
+        return b""
+
+
+def _is_ros2(head: bytes) -> bool:
+    """Whether a file begins as MCAP with the profile "ros2"."""
+    return head.startswith(bag_mcap.MAGIC) and head[17:25] == b"\x04\0\0\0ros2"
+
+
+def read_as_it_is(path: Path) -> list[Path] | None:
+    """Return the files of a bag, in the order of recording, if they can be read like any MCAP file.
+
+    None for what has to be unpacked or copied first, and for bags that this library exported: their topics come back as
+    the rows that they were.
+    """
+    folder = bag_folder.Folder(path)
+    files = folder.files
+    if not files or any(file.suffix != ".mcap" for file in files) or folder.information.get("compression_mode"):
+        return None
+    for file in files:
+        try:
+            bag = bag_mcap.McapBag(file, salvages=True)
+        except DamagedFileError:  # whoever reads it says so, or leaves it out
+            continue
+        try:
+            if any(lossless_definitions.MARK in channel.text for channel in bag.channels.values()):
+                return None
+            inside = bag_information.lenient(bag.about.get("serialized_metadata", ""))
+            is_packed = inside.get("compression_mode") and not bag.is_carried
+            if is_packed or (not folder.information and bag_folder.starts_as_zstd(bag)):
+                return None
+            if bag.count:
+                break
+        finally:
+            bag.close()
+    folder.warn_of_unnamed()
+    return files
+
+
+def carry(
+    src: Path,
+    folder: Path,
+    prefix: str,
+    *,
+    progress: Progress | None = None,
+    encoding: str | None = None,
+    time: str = "log",
+    topics: Iterable[str] | None = None,
+    definitions: Mapping[str, str | Path] | None = None,
+    on_unknown: str = "bytes",
+    on_damage: str = "raise",
+    limits: Limits | None = None,
+) -> None:
+    """Make a recording of a bag.
+
+    Its messages stay what they are: their bytes, times, types and definitions, in ROS's own encoding. Topics that we
+    exported come back as the rows that they were.
+
+    Args:
+        src: A ROS 1 bag, a rosbag2 folder, or one file of such a folder.
+        folder: Of the recording; it is there.
+        prefix: Of the recording.
+        progress: Called now and then with the messages done and the messages in all.
+        encoding: "ros" keeps all messages as they are, also of topics that we exported; "json" makes rows of all, in
+            this library's own form; None keeps those of others, and makes rows of ours.
+        time: What `_ts` is for rows that are made of messages of others: "log", when they were recorded, or "header",
+            their header's stamp where they have one that is not 0; then all messages become rows.
+        topics: Names of the bag's topics, or those that they had in the recording that it was made of; None for all but
+            the standard messages that we derived.
+        definitions: Type to its definition, or the `.msg` file with it, for bags that do not have them.
+        on_unknown: What happens to a topic with messages of a type that nobody knows: "bytes" keeps their bytes, with a
+            warning, "skip" leaves it out with a warning, "raise" is an error.
+        on_damage: What happens if the bag is cut or damaged: "raise", or "skip" to take what can be read, with a
+            warning.
+        limits: How much memory its MCAP files may ask for; None for the defaults.
+
+    Raises:
+        DamagedFileError: The bag is damaged.
+        MissingRecordingError: A file of it is missing.
+        EncodingError: A type is not known, or broken; the message names it.
+        NotFoundError: There is no such topic.
+        StorageError: A file cannot be read.
+        OptionError: An option has a value that it cannot have.
+    """
+    for name, value, known in (
+        ("encoding", encoding, (None, "ros", "json")),
+        ("time", time, ("log", "header")),
+        ("on_damage", on_damage, ("raise", "skip")),
+    ):
+        if value not in known:
+            raise OptionError(f"{name}={value!r}: it must be one of {', '.join(map(repr, known))}")
+    if time == "header" and encoding == "ros":
+        raise OptionError(
+            "time='header' makes rows with other times than their messages have, encoding='ros' makes none"
+        )
+    if isinstance(topics, str):
+        raise UsageError(f"topics={topics!r}: pass a list of topics, such as topics=[{topics!r}]")
+    wanted = None if topics is None else list(topics)
+    how = decoding(definitions, on_unknown)
+    try:
+        bag = _open(src, on_damage == "skip", limits or DEFAULT)
+        try:
+            types = Types(how, distros.likely(bag.distro, bag.version))
+            uses_header, salvages = time == "header", on_damage == "skip"
+            _Conversion(src, bag, folder, prefix, types, encoding, uses_header, salvages, progress).run(wanted)
+        finally:
+            bag.close()
+    except OSError as error:
+        if isinstance(error, StorageError):
+            raise
+        raise StorageError(error.errno, f"cannot be read: {error.strerror}", str(error.filename or src)) from error
+
+
+class _Conversion:
+    """One bag on its way into a folder: some channels as they are, some as rows."""
+
+    def __init__(
+        self,
+        src: Path,
+        bag: Bag,
+        folder: Path,
+        prefix: str,
+        types: Types,
+        encoding: str | None,
+        uses_header: bool,
+        salvages: bool,
+        progress: Progress | None,
+    ) -> None:
+        self._src = src
+        self._bag = bag
+        self._folder = folder
+        self._prefix = prefix
+        self._types = types
+        self._encoding = encoding
+        self._uses_header = uses_header
+        self._salvages = salvages
+        self._progress = progress
+        self._done = 0
+
+    def run(self, wanted: Collection[str] | None) -> None:
+        """Copy or translate the messages of some topics."""
+        origins = Origins(self._bag)
+        keeps_all = self._encoding == "ros" and wanted is None
+        chosen = set(self._bag.channels) if keeps_all else origins.chosen(self._bag.channels, wanted)
+        if self._types.decoding.on_unknown == "skip":
+            chosen -= self._left_out(chosen)
+        if self._encoding == "json" or self._uses_header:
+            rows = chosen
+        else:
+            rows = set() if self._encoding == "ros" else chosen & origins.own.keys()
+        carried = chosen - rows
+        makes_rows = bool(rows) or self._encoding == "json" or self._uses_header
+        carrier = Carrier(
+            self._src,
+            self._bag,
+            self._folder,
+            self._prefix,
+            self._types,
+            carried,
+            keeps_all_files=bool(carried) or not makes_rows,
+        )
+        with ExitStack() as stack:
+            intake = None
+            if makes_rows:
+                recorder = stack.enter_context(Recorder(self._folder, prefix=self._prefix))
+                ordered = [channel for channel in self._bag.channels if channel in rows]
+                intake = Intake(self._src, recorder, origins, self._types, ordered, self._uses_header, self._salvages)
+            for file in self._bag.files():
+                for count in carrier.copy(file):
+                    self._add(count)
+                if intake is not None and rows:
+                    for batch in batches(file, intake.wanted):
+                        intake.add(batch)
+                        self._add(len(batch.times_ns))
+                for loss in [*file.losses, *(intake.losses if intake is not None else ())]:
+                    warnings.warn(f"{loss}; it is left out", ConversionWarning, stacklevel=5)
+                if intake is not None:
+                    intake.losses.clear()
+                for correction in file.corrections:
+                    warnings.warn(f"{correction}; nothing is lost by it", ConversionWarning, stacklevel=5)
+        if self._progress is not None and self._done < self._bag.count:  # some were not wanted
+            self._progress(self._bag.count, self._bag.count)
+
+    def _add(self, count: int) -> None:
+        self._done += count
+        if self._progress is not None:
+            self._progress(self._done, self._bag.count)
+
+    def _left_out(self, channels: Collection[Channel]) -> set[Channel]:
+        unknown = {channel for channel in channels if self._types.is_unknown(channel)}
+        for channel in sorted(unknown, key=lambda one: one.topic):
+            what = f"topic {channel.topic!r} of type {channel.type!r}: nobody knows what its messages are made of"
+            warnings.warn(f"{what}; it is left out", ConversionWarning, stacklevel=6)
+        return unknown
+
+
+def _open(path: Path, salvages: bool, limits: Limits) -> Bag:
+    if path.is_file() and detect(path) == "rosbag1":
+        from .bag_ros1.read import Ros1Bag
+
+        return Ros1Bag(path, salvages=salvages)
+    return FolderBag(path, salvages=salvages, limits=limits)

@@ -1,0 +1,250 @@
+"""Messages of a bag to the rows of a recorder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ... import clock
+from ...codecs import decode
+from ...codecs.ros.unpack import unpack
+from ...errors import DamagedFileError
+from ...file_names import MESSAGE, TRACK
+from ...mcap.message import Channel
+from ...mcap.records import Channel as McapChannel
+from ...mcap.records import Schema
+from ...query.time_order import TOLERANCE_NS
+from ...recorder import Recorder
+from ...rows.encode import TIME_KEY
+from ...rows.lazy_mapping import not_found
+from ...topic import MessageTopic
+from . import lossless, lossless_definitions, restore
+from .bag_contents import Bag, Batch
+from .bag_types import Types
+from .lossless import Message
+
+Row = dict[str, Any]
+
+_CUSTOM_KEY = "ml_dash"
+
+
+class Origins:
+    """Which channels of a bag are topics that this library exported, and which are standard messages made of them."""
+
+    def __init__(self, bag: Bag) -> None:
+        """Look at a bag's definitions, and at what its metadata say."""
+        self.metadata = _metadata(bag.custom)
+        self.own: dict[Channel, Message] = {}
+        """Channels with messages that say all that our rows said, and what these look like."""
+        self._derived: set[str] = set(self.metadata.get("derived", {}))
+        for channel in bag.channels:
+            message = (
+                lossless_definitions.parse(channel.type, channel.text)
+                if lossless_definitions.MARK in channel.text
+                else None
+            )
+            if message is not None:
+                self.own[channel] = message
+                self._derived.update(message.about.get("derived", ()))
+
+    def is_derived(self, channel: Channel) -> bool:
+        """Whether a channel has standard messages that say again what one of ours says."""
+        return bool(self.own) and channel not in self.own and channel.topic in self._derived
+
+    def name(self, channel: Channel) -> str:
+        """Return what a topic is called in the recording."""
+        message = self.own.get(channel)
+        if message is None:
+            return channel.topic
+        name = self.metadata.get("topics", {}).get(channel.topic) or message.about.get("topic")
+        return name if isinstance(name, str) else channel.topic.removeprefix("/")
+
+    def chosen(self, channels: Iterable[Channel], wanted: Collection[str] | None) -> set[Channel]:
+        """Return the channels of some topics, by the bag's names or ours; by default all that are not derived.
+
+        Raises:
+            NotFoundError: There is no such topic.
+        """
+        channels = list(channels)
+        if wanted is None:
+            return {channel for channel in channels if not self.is_derived(channel)}
+        names = dict.fromkeys(name for one in channels for name in (one.topic, self.name(one)))
+        for name in wanted:
+            if name not in names:
+                raise not_found("topic", name, names)
+        return {channel for channel in channels if {channel.topic, self.name(channel)} & set(wanted)}
+
+
+class Intake:
+    """Takes batches of messages and appends them as rows."""
+
+    def __init__(
+        self,
+        src: Path,
+        recorder: Recorder,
+        origins: Origins,
+        types: Types,
+        wanted: Iterable[Channel],
+        uses_header: bool,
+        salvages: bool = False,
+    ) -> None:
+        """Open a topic of the recorder for each channel that is wanted.
+
+        Args:
+            src: Of the bag, for the errors.
+            recorder: Where to.
+            origins: Which channels are ours.
+            types: What is known of the bag's types.
+            wanted: Channels whose messages become rows.
+            uses_header: Whether `_ts` is the header's stamp, for messages of others.
+            salvages: Whether to leave out messages that are not what their type says, and note them in `losses`.
+
+        Raises:
+            EncodingError: A type is not known, and that was not to be.
+        """
+        self._src = src
+        self._recorder = recorder
+        self._origins = origins
+        self._types = types
+        self._uses_header = uses_header
+        self._salvages = salvages
+        self.losses: list[str] = []
+        """What was left out so far, in words."""
+        self._adders: dict[Channel, Callable[[Batch], None]] = {}
+        for channel in wanted:
+            self._adders[channel] = (
+                self._own(channel, origins.own[channel]) if channel in origins.own else self._foreign(channel)
+            )
+        if origins.metadata.get("params") and any(channel in origins.own for channel in self._adders):
+            recorder.set_parameters(origins.metadata["params"])
+
+    @property
+    def wanted(self) -> set[Channel]:
+        """The channels whose messages become rows."""
+        return set(self._adders)
+
+    def add(self, batch: Batch) -> None:
+        """Take some messages; of those that are damaged the rest, where that is wanted.
+
+        Raises:
+            DamagedFileError: A message is not what its type says; then none is taken.
+        """
+        try:
+            self._adders[batch.channel](batch)
+        except DamagedFileError as error:
+            if not self._salvages:
+                raise
+            if len(batch.payloads) == 1:
+                self.losses.append(str(error))
+                return
+            middle = len(batch.payloads) // 2
+            for part in (slice(0, middle), slice(middle, None)):
+                self.add(Batch(batch.channel, batch.times_ns[part], batch.payloads[part]))
+
+    def _own(self, channel: Channel, message: Message) -> Callable[[Batch], None]:
+        """Return what takes messages that say all that our rows said."""
+        name = self._origins.name(channel)
+        said = {**message.about, **self._origins.metadata.get("about", {}).get(name, {})}
+        about = {
+            "description": said.get("description"),
+            "tags": said.get("tags") or None,
+            "metadata": said.get("metadata") or None,
+        }
+        if said.get("kind", TRACK) != TRACK:
+            return self._own_messages(channel, message, self._recorder._open(name, MESSAGE, MessageTopic, **about))
+        topic = self._recorder.topic(name, **about)
+        type_ = lossless.struct(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
+
+        def add(batch: Batch) -> None:
+            with self._named(batch):
+                column = unpack(type_, batch.payloads, is_ros1=channel.is_ros1)
+                plain = restore.plain(message, column)
+                if plain is None:
+                    topic.append_batch(restore.rows(message, column))
+                else:
+                    topic.append_columns(_ts=column["ts"], **plain)
+
+        return add
+
+    def _own_messages(self, channel: Channel, message: Message, topic: MessageTopic) -> Callable[[Batch], None]:
+        """Return what takes messages that were no rows of a track in the recording: each stays one, at its time."""
+        type_ = lossless.struct(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
+
+        def add(batch: Batch) -> None:
+            with self._named(batch):
+                rows = restore.rows(message, unpack(type_, batch.payloads, is_ros1=channel.is_ros1))
+                pairs = zip(rows, batch.times_ns, strict=True)
+                times_ns = [_unshifted(row[TIME_KEY], time_ns) for row, time_ns in pairs]
+            topic.append_at(rows, times_ns)
+
+        return add
+
+    def _foreign(self, channel: Channel) -> Callable[[Batch], None]:
+        """Return what takes messages of others, each a row of its own."""
+        decode_one: decode.Decoder | None = None
+        topic = self._recorder._open(channel.topic, MESSAGE, MessageTopic)
+
+        def add(batch: Batch) -> None:
+            nonlocal decode_one
+            if decode_one is None:
+                decode_one = self._decoder(channel)
+            rows, times_ns = [], []
+            for time_ns, payload in zip(batch.times_ns, batch.payloads, strict=True):
+                with self._named(Batch(channel, [time_ns], [payload])):
+                    row = decode_one(payload)
+                if row is not None:
+                    times_ns.append((_stamp(row) if self._uses_header else 0) or time_ns)
+                    rows.append(row)
+            topic.append_at(rows, times_ns)
+
+        return add
+
+    @contextmanager
+    def _named(self, batch: Batch) -> Iterator[None]:
+        """Name the messages that turn out not to be what their type says."""
+        try:
+            yield
+        except ValueError as error:
+            topic, first_ns, last_ns = batch.channel.topic, batch.times_ns[0], batch.times_ns[-1]
+            which = f"the message of topic {topic!r} at {first_ns} ns"
+            if len(batch.times_ns) > 1:
+                which = f"a message of topic {topic!r} from {first_ns} ns to {last_ns} ns"
+            raise DamagedFileError(self._src, 0, f"{which} is no {batch.channel.type}: {error}") from error
+
+    def _decoder(self, channel: Channel) -> decode.Decoder:
+        known = self._types.described(channel)
+        if self._types.is_unknown(channel):
+            self._types.name_unknown(channel)
+        schema = Schema(1, known.type, known.schema_encoding, known.definition)
+        record = McapChannel(1, 1, channel.topic, channel.message_encoding, dict(channel.metadata))
+        return decode.decoder(record, schema, self._types.decoding, lambda: self._types.likely)
+
+
+def _metadata(custom: Mapping[str, str]) -> dict[str, Any]:
+    """Return what our export wrote about the bag."""
+    try:
+        found = json.loads(custom.get(_CUSTOM_KEY, "{}"))
+    except (TypeError, ValueError):
+        return {}
+    is_ours = isinstance(found, dict) and all(isinstance(found.get(key, {}), dict) for key in ("topics", "about"))
+    return found if is_ours else {}
+
+
+def _unshifted(time_s: float, time_ns: int) -> int:
+    """Return the time, in ns, of a message whose bag was perhaps exported with another offset than its own."""
+    return time_ns if abs(time_s * clock.NS_PER_S - time_ns) <= TOLERANCE_NS else clock.to_nanoseconds(time_s)
+
+
+def _stamp(row: Row) -> int:
+    """Return the header's stamp, in ns; 0 without one."""
+    header = row.get("header")
+    stamp = header.get("stamp") if isinstance(header, dict) else None
+    if not isinstance(stamp, dict):
+        return 0
+    sec, nsec = stamp.get("sec", stamp.get("secs")), stamp.get("nanosec", stamp.get("nsecs"))
+    if not isinstance(sec, int) or not isinstance(nsec, int) or sec < 0:
+        return 0
+    return sec * clock.NS_PER_S + nsec

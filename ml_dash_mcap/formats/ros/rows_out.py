@@ -1,0 +1,368 @@
+"""A recording's topics as the messages of a ROS bag, block by block, in time order."""
+
+from __future__ import annotations
+
+import heapq
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ... import clock
+from ...codecs.ros.message_columns import Constant, Indices, pick
+from ...codecs.ros.pack import Packed, pack
+from ...errors import ConversionError
+from ...file_names import TRACK
+from ...mcap.message import MessageBlock
+from ...query import counts, exact_blocks
+from ...query import topic_rows as rows
+from ...query.file import File
+from ...rows import read_ahead
+from ...rows.encode import TIME_KEY
+from ...rows.table import Block
+from ..export_job import Job
+from . import arrow_blocks as blocks
+from . import bag_images, forms, lossless, ros_names
+from . import interface_package as interfaces
+from . import standard_columns as messages
+from .bag_plan import Outlet, Plan, Planner, Settings
+from .carry_out import Carried
+from .context import BadRows
+from .fill import MisfitError, fill
+from .forms import Form
+from .lossless import Message
+from .standard import Derived
+
+Part = Block | list[dict[str, Any]]
+
+_OVERLAP_S = 1.0
+"""How far the messages of one topic may run ahead of another's where they must be nearly in order, in s."""
+
+_END_S = 2**31
+"""The first time that a header's stamp cannot say, in s (year 2038)."""
+
+
+class _Stamped(list[dict[str, Any]]):
+    """Rows of messages that are never merged: their times are known to the nanosecond, which doubles do not tell."""
+
+    def __init__(self, rows: list[dict[str, Any]], times_ns: list[int]) -> None:
+        super().__init__(rows)
+        self.times_ns = times_ns
+
+    def __getitem__(self, key: Any) -> Any:
+        found = super().__getitem__(key)
+        return _Stamped(found, self.times_ns[key]) if isinstance(key, slice) else found
+
+    def __add__(self, others: Any) -> Any:
+        return _Stamped([*self, *others], [*self.times_ns, *others.times_ns]) if others else self
+
+
+class Sent(NamedTuple):
+    """Messages of one topic, in time order."""
+
+    outlet: Outlet
+    times_ns: npt.NDArray[np.uint64]
+    packed: Packed
+
+
+class Outgoing:
+    """The messages of a recording for a bag."""
+
+    def __init__(self, job: Job, settings: Settings, carried: Carried | None = None) -> None:
+        """Look at the first rows of each topic.
+
+        Args:
+            job: Topics whose rows become messages.
+            settings: What the caller wants of the bag.
+            carried: Messages that go into the bag as they are.
+
+        Raises:
+            ConversionError: The mapping does not fit.
+        """
+        self._job = job
+        self._settings = settings
+        self._started: dict[str, Iterator[Part]] = {}
+        self._carried = carried
+        self._planner = Planner(job, settings, () if carried is None else carried.outlets)
+        self._images = bag_images.images(settings.embed_images, job.files)
+        self._is_wide = False
+        self._last = math.inf
+        self._reached = -math.inf
+        found: dict[str, Form] = {}
+        for topic in job.topics:
+            parts = self._parts(topic)
+            first = next(parts, None)
+            found[topic] = _take_in(Form(), [] if first is None else first)
+            self._started[topic] = parts if first is None else chain([first], parts)
+        self.plans = self._planner.plan(found)
+
+    def widen(self) -> None:
+        """Read all rows, and plan for all that they have; called when `messages` found rows that did not fit.
+
+        Raises:
+            ConversionError: They have changed since they were read.
+        """
+        if self._is_wide:
+            raise ConversionError("the recording has other rows than a moment ago; export it when it is finished")
+        self._is_wide = True
+        self._started.clear()
+        found = {topic: Form() for topic in self._job.topics}
+        for topic, form in found.items():
+            for part in self._parts(topic):
+                _take_in(form, part)
+        self.plans = self._planner.plan(found)
+
+    @property
+    def outlets(self) -> list[Outlet]:
+        """All topics of the bag."""
+        return [*(() if self._carried is None else self._carried.outlets), *self._planner.outlets]
+
+    @property
+    def carried_files(self) -> list[File]:
+        """The files that carried messages come from."""
+        return [] if self._carried is None else self._carried.files
+
+    @property
+    def own_messages(self) -> list[Message]:
+        """The messages that say all."""
+        return list({plan.message.name: plan.message for plan in self.plans if plan.own is not None}.values())
+
+    def about(self) -> dict[str, Any]:
+        """Return what the way back wants to know: our topics by those of the bag, and what else is recorded."""
+        own = {plan.own.topic: plan.topic for plan in self.plans if plan.own is not None}
+        derived = {outlet.topic: plan.topic for plan in self.plans for _, outlet in plan.derived}
+        said = {
+            name: {"description": info.description, "tags": list(info.tags), "metadata": dict(info.metadata)}
+            for name, info in self._job.topics.items()
+        }
+        return {
+            "version": 1,
+            "profile": self._settings.profile,
+            "topics": own,
+            "derived": derived,
+            "about": said,
+            "params": self._job.about.get("params", {}),
+        }
+
+    def messages(self) -> Iterator[tuple[int, list[Sent] | MessageBlock]]:
+        """Yield the messages of some rows of one topic each, or some that are carried, by the time of the first one.
+
+        Yields:
+            How many rows, and their messages; no rows after `finish_up`, when all are done that belong before.
+
+        Raises:
+            MisfitError: A row has something that the topic's message cannot say: `widen`, and begin again.
+            ConversionError: A row cannot be said; the message names it.
+        """
+        waiting: list[_Waiting] = []
+        done = dict.fromkeys(range(len(self.plans)), 0)
+        blocks = iter(()) if self._carried is None else self._carried.blocks()
+        _push(waiting, _CARRIED, next(blocks, None), blocks)
+        for number, plan in enumerate(self.plans):
+            parts = self._started.pop(plan.topic, None) or self._parts(plan.topic)
+            _push(waiting, number, next(parts, None), parts)
+        while waiting:
+            start, number, part, parts = heapq.heappop(waiting)
+            if start > self._last:
+                self._last = math.inf
+                yield 0, []
+            if isinstance(part, MessageBlock):
+                self._reached = max(self._reached, float(_times(part).max()))
+                yield len(part), part
+                _push(waiting, number, next(parts, None), parts)
+                continue
+            others = min((one[0] for one in waiting), default=math.inf) if self._settings.is_in_order else math.inf
+            now, later = _cut(part, min(others + _OVERLAP_S, self._last))
+            now, later = self._portion(self.plans[number], now, later)
+            self._reached = max(self._reached, float(_times(now)[-1]))
+            yield exact_blocks.size(now), self._convert(self.plans[number], now, done[number])
+            done[number] += exact_blocks.size(now)
+            _push(waiting, number, next(parts, None) if later is None else later, parts)
+
+    def finish_up(self) -> None:
+        """Ask for all messages up to the latest so far before later ones."""
+        self._last = min(self._last, self._reached)
+
+    def _portion(self, plan: Plan, now: Part, later: Part | None) -> tuple[Part, Part | None]:
+        """Put off rows that together name more images than should be in memory at once."""
+        if self._images is None or not plan.paths:
+            return now, later
+        found: Any = now if isinstance(now, list) else blocks.to_rows(now)
+        count = self._images.fitting(found, plan.paths)
+        if count == len(found):
+            return found, later
+        rest = [] if later is None else later if isinstance(later, list) else blocks.to_rows(later)
+        return found[:count], found[count:] + rest
+
+    def _parts(self, topic: str) -> Iterator[Part]:
+        job = self._job
+        if counts.kind(job.files, topic) == TRACK:
+            return exact_blocks.read(job.files, topic, job.low, job.high)
+        found = rows.stamped(job.files, topic, job.low, job.high)
+        return (_Stamped(some, times_ns) for some, times_ns in found)
+
+    # -- rows to messages ----------------------------------------------------------------------------------------------
+
+    def _convert(self, plan: Plan, part: Part, before: int) -> list[Sent]:
+        settings = self._settings
+        count = exact_blocks.size(part)
+        times = _times(part)
+        stamps = self._stamps(plan, times, getattr(part, "times_ns", None), before)
+        is_row_text = plan.message.fields and plan.message.fields[0].key == lossless.ROW_KEY
+        if isinstance(part, Block):
+            column = fill(plan.message, blocks.to_rows(part)) if is_row_text else blocks.fill_block(plan.message, part)
+        else:
+            column = fill(plan.message, part)
+        frame = _frame(self._planner.metadata[plan.topic].get("frame_id"), settings.frame_id)
+        header = _header(stamps, frame, before)
+        sent = []
+        if plan.own is not None:
+            whole = {"header": header, "ts": times, **column}
+            packed = pack(plan.own.struct, whole, count, is_ros1=settings.is_ros1, room=settings.room)
+            sent.append(Sent(plan.own, stamps, packed))
+        for derived, outlet in plan.derived:
+            rows = messages.present(plan.message, column, derived, count)
+            rows, built = self._built(plan, derived, column, rows, times, header, before)
+            if len(rows):
+                packed = pack(outlet.struct, built, len(rows), is_ros1=settings.is_ros1, room=settings.room)
+                sent.append(Sent(outlet, stamps[rows], packed))
+        return sent
+
+    def _built(
+        self, plan: Plan, derived: Derived, column: Any, rows: Indices, times: Any, header: Any, before: int
+    ) -> tuple[Indices, dict[str, Any]]:
+        """Return the columns of a standard message and the rows that they are of."""
+        header = {**header, "frame_id": Constant(_frame(derived.metadata.get("frame_id"), self._settings.frame_id))}
+        while len(rows):
+            load = self._images.load if self._images is not None else None
+            found = messages.build(derived, column, rows, times, pick(header, rows), load)
+            if not isinstance(found, BadRows):
+                return rows, found
+            row = int(rows[int(np.argmax(found.which))])
+            where = f"topic {plan.topic!r}, row {before + row} (_ts={float(times[row])!r})"
+            if self._settings.on_bad == "raise" and (derived.is_asked or not found.is_other):
+                raise ConversionError(
+                    f"{where}: {found.what}, so {derived.topic} cannot be written; pass on_bad='lossless' to leave such"
+                    f" rows out of it, mapping={{{plan.topic!r}: {{{_suffix(plan, derived)!r}: None}}}} to leave it"
+                    " out, or profile='lossless'"
+                )
+            self._planner.warn(
+                f"topic {plan.topic!r}: {derived.topic} lacks rows that it cannot say", f"{where}: {found.what}"
+            )
+            rows = rows[~found.which]
+        return rows, {}
+
+    def _stamps(
+        self, plan: Plan, times: npt.NDArray[np.float64], times_ns: list[int] | None, before: int
+    ) -> npt.NDArray[np.uint64]:
+        known = clock.to_nanoseconds_each(times) if times_ns is None else np.array(times_ns, np.uint64)
+        stamps = known.astype(np.int64) + round(self._settings.time_offset * clock.NS_PER_S)
+        bad = (stamps < 0) | (stamps >= _END_S * clock.NS_PER_S)
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise ConversionError(
+                f"topic {plan.topic!r}, row {before + row} (_ts={float(times[row])!r}): a bag's times lie between 0 and"
+                f" {_END_S} s (1970 to 2038), and with time_offset={self._settings.time_offset!r} this one does not;"
+                " pass another"
+            )
+        return stamps.astype(np.uint64)
+
+
+def _frame(said: object, otherwise: str) -> str:
+    return said if isinstance(said, str) and "\0" not in said else otherwise
+
+
+def _suffix(plan: Plan, derived: Derived) -> str:
+    base = (plan.own.topic if plan.own is not None else ros_names.topic(plan.topic)) + "/"
+    return derived.topic.removeprefix(base)
+
+
+def _take_in(form: Form, part: Part) -> Form:
+    if isinstance(part, list):
+        return forms.of_rows(part, form)
+    blocks.take_in(form, part)
+    return form
+
+
+def _times(part: Part | MessageBlock) -> npt.NDArray[np.float64]:
+    if isinstance(part, MessageBlock):
+        return np.array(clock.to_seconds_each([int(part.times_ns.min()), int(part.times_ns.max())]))
+    if isinstance(part, list):
+        return np.array([row[TIME_KEY] for row in part], np.float64)
+    found: npt.NDArray[np.float64] = part.columns[TIME_KEY].array.to_numpy(zero_copy_only=False)
+    return found
+
+
+_Waiting = tuple[float, int, Part | MessageBlock, Iterator[Any]]
+
+_CARRIED = -1
+"""Stands for the number of a plan."""
+
+
+def _push(waiting: list[_Waiting], number: int, part: Part | MessageBlock | None, parts: Iterator[Any]) -> None:
+    if part is not None:
+        heapq.heappush(waiting, (float(_times(part)[0]), number, part, parts))
+
+
+def _cut(part: Part, last: float) -> tuple[Part, Part | None]:
+    """Divide rows into those up to a time, the first one always among them, and those after it."""
+    times = _times(part)
+    if times[-1] <= last:
+        return part, None
+    count = max(1, int(np.searchsorted(times, last, "right")))
+    if isinstance(part, list):
+        return part[:count], part[count:]
+    return part.slice(0, count), part.slice(count, part.count - count)
+
+
+def _header(stamps: npt.NDArray[np.uint64], frame: str, before: int) -> dict[str, Any]:
+    sec, nanosec = np.divmod(stamps, np.uint64(clock.NS_PER_S))
+    return {
+        "seq": np.arange(before, before + len(stamps), dtype=np.int64).astype(np.uint32),
+        "stamp": {"sec": sec.astype(np.int32), "nanosec": nanosec.astype(np.uint32)},
+        "frame_id": Constant(frame),
+    }
+
+
+def packed(
+    found: Iterator[tuple[int, list[Sent] | MessageBlock]],
+    prepare: Callable[[MessageBlock], Any],
+    *,
+    is_split: bool = False,
+) -> Iterator[tuple[int, Any]]:
+    """Yield what `Outgoing.messages` does, with what is carried prepared for its file, on all cores.
+
+    Args:
+        found: The messages.
+        prepare: Of the file.
+        is_split: Whether each has to be written before the next is asked for, so that a file can end behind it.
+    """
+
+    def work(one: tuple[int, list[Sent] | MessageBlock]) -> tuple[int, Any]:
+        return one[0], one[1] if isinstance(one[1], list) else prepare(one[1])
+
+    if is_split:
+        return map(work, found)
+    return read_ahead.in_order(work, found, weigh=lambda one: 0 if isinstance(one[1], list) else 2 * one[1].size)
+
+
+def to_text(about: Mapping[str, Any]) -> str:
+    """Say what the way back wants to know as JSON."""
+    return json.dumps(about)
+
+
+def write_package(folder: Path, outgoing: Outgoing) -> None:
+    """Write the interface package of a bag's messages that say all, if there are any."""
+    messages = outgoing.own_messages
+    for path, text in interfaces.files(messages, folder.name).items() if messages else ():
+        place = folder / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text(text, encoding="utf-8")
+
+
+__all__ = ["MisfitError", "Outgoing", "Sent", "packed", "to_text", "write_package"]

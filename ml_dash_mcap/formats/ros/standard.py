@@ -1,0 +1,260 @@
+"""Which standard messages say what a topic's fields hold.
+
+A message is derived where a field's name, shape and type fit; what a topic's metadata and the caller's mapping say
+comes before any convention. `conventions` has the tables, `messages` makes the messages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from ...errors import ConversionError
+from . import ros_names
+from .conventions import (
+    COMPRESSED,
+    CONVENTIONS,
+    DETAILS,
+    ENOUGH,
+    FRAME,
+    FRAME_DETAIL,
+    GRIPPER,
+    HEADER,
+    JOINT_STATE,
+    POSE,
+    ROLES,
+    SAID,
+    TF,
+    Convention,
+    Role,
+    fits,
+    is_ragged,
+    says,
+)
+from .lossless import Field, Message
+
+
+@dataclass(frozen=True, slots=True)
+class Derived:
+    """A topic of standard messages that is derived from fields of one of ours."""
+
+    topic: str
+    """In ROS."""
+    type: str
+    """Of its messages."""
+    fields: Mapping[str, tuple[Field, ...]]
+    """Role, to the field that fills it: the way to it, from the row's own field inwards."""
+    message: Message
+    """Of the rows."""
+    details: Mapping[str, tuple[Field, ...]] = field(default_factory=dict)
+    """Detail, to the field that says it; rows may lack it."""
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    """Of our topic: `frame_id`, `joint_names`, `quat_order`, `units`."""
+    is_asked: bool = False
+    """Whether the caller asked for it, rather than a convention."""
+    child: str = ""
+    """What a transform leads to where nobody says a frame."""
+
+    def key(self, role: str) -> str:
+        """Return the dotted name of a role's field."""
+        return ".".join(one.key for one in (self.fields.get(role) or self.details[role]))
+
+
+def derive(
+    message: Message,
+    topic: str,
+    metadata: Mapping[str, Any],
+    mapping: Mapping[str, Any] | None,
+    *,
+    tf: bool = False,
+    embeds: bool = False,
+) -> list[Derived]:
+    """Return the standard messages that a topic's rows can be said with.
+
+    Args:
+        message: Of the rows.
+        topic: Its name in ROS.
+        metadata: What was said of it when it was recorded.
+        mapping: What the caller says of it: suffix or topic to None, for no such message, or to a dict of the `type`
+            and, by role, the dotted name of the field; None for the conventions.
+        tf: Whether to send its poses on `/tf` as well.
+        embeds: Whether a text that is the path of an image stands for the image.
+
+    Raises:
+        ConversionError: The mapping asks for what is not there or does not fit.
+    """
+    asked = dict(mapping or {})
+    found = [
+        _asked(message, topic, metadata, suffix, said, embeds) for suffix, said in asked.items() if said is not None
+    ]
+    taken = {_topic(topic, suffix) for suffix in asked}
+    for path, fields in _levels(message.fields, ()):
+        base = "/".join([topic, *(one.name for one in path)])
+        for convention in CONVENTIONS:
+            name = f"{base}/{convention.suffix}"
+            roles = _matching(convention, fields, path)
+            if roles is not None and name not in taken:
+                taken.add(name)
+                said = metadata if convention.suffix != GRIPPER else _without_names(metadata)
+                details = _details(message, convention.type, next(iter(roles.values()))[:-1])
+                found.append(Derived(name, convention.type, roles, message, details, said))
+        for one in fields.values() if embeds else ():
+            name = f"{base}/{_picture(one)}/compressed"
+            if one.names_images and one.shape == () and name not in taken:
+                taken.add(name)
+                details = _details(message, COMPRESSED, path)
+                found.append(Derived(name, COMPRESSED, {"data": (*path, one)}, message, details, metadata))
+    poses = [one for one in found if one.type == POSE] if tf and "/tf" not in taken else []
+    return found + [_transform(one) for one in poses[:1]]
+
+
+def _transform(pose: Derived) -> Derived:
+    """Return the transforms that say what a topic of poses says; the child is the topic, if nobody says another."""
+    details = _details(pose.message, TF, next(iter(pose.fields.values()))[:-1])
+    return Derived("/tf", TF, pose.fields, pose.message, details, pose.metadata, child=pose.topic)
+
+
+def _details(message: Message, type_: str, path: tuple[Field, ...]) -> dict[str, tuple[Field, ...]]:
+    """Return the fields that say details of a standard message, those beside its other fields first."""
+    found: dict[str, tuple[Field, ...]] = {}
+    for way in (path, ()):
+        level = _by_key((way[-1].message if way else None) or message)
+        for role, detail in {**DETAILS.get(type_, {}), FRAME: FRAME_DETAIL}.items():
+            if role in found or (way != path and role != FRAME):
+                continue
+            one = next((level[name] for name in detail.names if name in level and says(level[name], detail)), None)
+            header = level.get(HEADER)
+            if one is not None:
+                found[role] = (*way, one)
+            elif role == FRAME and header is not None and header.message is not None and header.shape == ():
+                inner = _by_key(header.message).get(FRAME)
+                if inner is not None and says(inner, detail):
+                    found[role] = (*way, header, inner)
+    return found
+
+
+def _by_key(message: Message) -> dict[str, Field]:
+    return {one.key: one for one in message.fields}
+
+
+def _picture(one: Field) -> str:
+    """Return what to call the images whose paths a field holds."""
+    name = one.name.removesuffix("_path").removesuffix("_file")
+    return "image" if name in ("path", "file", "img", "frame") else name
+
+
+def _levels(fields: Sequence[Field], path: tuple[Field, ...]) -> Iterable[tuple[tuple[Field, ...], dict[str, Field]]]:
+    yield path, {one.key: one for one in fields}
+    for one in fields:
+        if one.message is not None and one.shape == ():
+            yield from _levels(one.message.fields, (*path, one))
+
+
+def _matching(
+    convention: Convention, fields: Mapping[str, Field], path: tuple[Field, ...]
+) -> dict[str, tuple[Field, ...]] | None:
+    roles: dict[str, tuple[Field, ...]] = {}
+    for role, known in convention.names.items():
+        wanted = ROLES[convention.type][role]
+        if convention.shape is not None:
+            wanted = Role((convention.shape,), wanted.quantity)
+        fitting = {key: one for key, one in fields.items() if fits(one, wanted)}
+        one = _named(known, {key: one for key, one in fitting.items() if not is_ragged(one)}) or _named(known, fitting)
+        if one is not None:
+            roles[role] = (*path, one)
+    if not any(set(group) <= set(roles) for group in ENOUGH[convention.type]):
+        return None
+    if convention.is_named and not any(
+        name in fields and says(fields[name], detail)
+        for detail in DETAILS[convention.type].values()
+        for name in detail.names
+    ):
+        return None
+    shapes = {way[-1].shape for way in roles.values()}
+    if convention.type == JOINT_STATE and len(shapes) > 1 and None not in shapes:
+        return None
+    return roles
+
+
+def _named(known: Sequence[str], fields: Mapping[str, Field]) -> Field | None:
+    for name in known:
+        if name.endswith("*"):
+            found = [key for key in fields if key.startswith(name[:-1])]
+            if len(found) == 1:
+                return fields[found[0]]
+        elif name in fields:
+            return fields[name]
+    return None
+
+
+def _asked(message: Message, topic: str, metadata: Mapping[str, Any], suffix: str, said: Any, embeds: bool) -> Derived:
+    name = _topic(topic, suffix)
+    ros_names.check_topic(name)
+    if not isinstance(said, Mapping) or not isinstance(said.get("type"), str):
+        raise ConversionError(f"mapping of {suffix!r}: pass a dict with the message's `type` and a field for each role")
+    type_ = said["type"] if "/msg/" in said["type"] else said["type"].replace("/", "/msg/", 1)
+    if type_ not in ROLES:
+        raise ConversionError(f"mapping of {suffix!r}: {said['type']!r} is none of {', '.join(sorted(ROLES))}")
+    roles = {}
+    details = {}
+    more = {key: said[key] for key in SAID if key in said}
+    if isinstance(more.get("units"), Mapping) and isinstance(metadata.get("units"), Mapping):
+        more["units"] = {**metadata["units"], **more["units"]}
+    for role, key in said.items():
+        if role == "type" or role in more:
+            continue
+        detail = DETAILS.get(type_, {}).get(role)
+        if detail is not None:
+            details[role] = _way(message, str(key), suffix)
+            if not says(details[role][-1], detail):
+                what = describe(details[role][-1])
+                raise ConversionError(f"mapping of {suffix!r}: field {key!r} is {what}, which does not fit {role!r}")
+            continue
+        if role not in ROLES[type_]:
+            raise ConversionError(f"mapping of {suffix!r}: {type_} has no {role!r}; it has {', '.join(ROLES[type_])}")
+        roles[role] = _way(message, str(key), suffix)
+        if not fits(roles[role][-1], ROLES[type_][role], embeds=embeds):
+            hint = "pass embed_images=True if it is the path of an image, " if type_ == COMPRESSED else ""
+            raise ConversionError(
+                f"mapping of {suffix!r}: field {key!r} is {describe(roles[role][-1])}, which does not fit {role!r} of"
+                f" {type_}; {hint}leave it out, or export with profile='lossless'"
+            )
+    if not any(set(group) <= set(roles) for group in ENOUGH[type_]):
+        groups = " or ".join("+".join(group) for group in ENOUGH[type_])
+        raise ConversionError(f"mapping of {suffix!r}: {type_} needs {groups}")
+    metadata = _without_names(metadata) if name.rpartition("/")[2] == GRIPPER else metadata
+    details = {**_details(message, type_, next(iter(roles.values()))[:-1]), **details}
+    return Derived(name, type_, roles, message, details, {**metadata, **more}, is_asked=True, child=topic)
+
+
+def _without_names(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Leave out the names of the arm's joints, for the gripper."""
+    return {key: value for key, value in metadata.items() if key != "joint_names"}
+
+
+def _way(message: Message, key: str, suffix: str) -> tuple[Field, ...]:
+    fields = {one.key: one for one in message.fields}
+    if key in fields:
+        return (fields[key],)
+    way: list[Field] = []
+    inner: Message | None = message
+    for part in key.split("."):
+        fields = {one.key: one for one in inner.fields} if inner is not None else {}
+        if part not in fields:
+            there = ", ".join(one.key for one in message.fields)
+            raise ConversionError(f"mapping of {suffix!r}: there is no field {key!r}; there are {there}")
+        way.append(fields[part])
+        inner = fields[part].message
+    return tuple(way)
+
+
+def _topic(topic: str, suffix: str) -> str:
+    return suffix if suffix.startswith("/") else f"{topic}/{suffix}"
+
+
+def describe(one: Field) -> str:
+    """Say a field's type and shape."""
+    if one.shape is None:
+        return f"lists of {one.kind} whose length changes"
+    return one.kind + (f"[{','.join(map(str, one.shape))}]" if one.shape else "")

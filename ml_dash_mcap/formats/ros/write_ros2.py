@@ -1,0 +1,215 @@
+"""A recording as a rosbag2 folder: MCAP or SQLite files, `metadata.yaml`, and the package that defines our messages."""
+
+from __future__ import annotations
+
+import functools
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from ...errors import OptionError
+from ...mcap.message import MessageBlock
+from ..destination import fresh_folder
+from ..export_job import Job, Steps
+from . import bag_metadata, carry_out
+from .bag_mcap import write as bag_mcap
+from .bag_metadata import Contents
+from .bag_plan import Outlet, Settings
+from .bag_sqlite import write as bag_sqlite
+from .rows_out import MisfitError, Outgoing, Sent, packed, to_text, write_package
+
+CUSTOM_KEY = "ml_dash"
+"""In the metadata's `custom_data`: what the way back wants to know."""
+
+
+class _Storage(Protocol):
+    @property
+    def counts(self) -> dict[int, int]:
+        """Messages so far, by the number of their outlet."""
+
+    @property
+    def start_ns(self) -> int:
+        """Time of the first message, ns; 0 without messages."""
+
+    @property
+    def end_ns(self) -> int:
+        """Time of the last message, ns; 0 without messages."""
+
+    @property
+    def size(self) -> int:
+        """Bytes so far."""
+
+    def write(self, sent: Sequence[Sent]) -> None:
+        """Write messages."""
+
+    def pack(self, block: MessageBlock) -> Any:
+        """Prepare messages that are carried; threads may do this while others are written."""
+
+    def write_packed(self, packed: Any) -> None:
+        """Write what `pack` returned."""
+
+    def finish(self, information: str) -> None:
+        """Write the file's end."""
+
+    def close(self) -> None:
+        """Close the file, finished or not."""
+
+
+def export(
+    job: Job,
+    *,
+    storage: str = "mcap",
+    distro: str | None = None,
+    profile: str = "std+lossless",
+    mapping: Mapping[str, Any] | None = None,
+    split_bytes: int | None = None,
+    time_offset: float = 0.0,
+    compression: str | None = None,
+    package: str = "ml_dash_msgs",
+    frame_id: str = "",
+    tf: bool = False,
+    on_bad: str = "raise",
+    embed_images: bool | str | Path = False,
+) -> Path:
+    """Write a rosbag2 folder.
+
+    Args:
+        job: What, and where to.
+        storage: "mcap" or "sqlite3".
+        distro: The ROS 2 distribution that will read it; "humble" needs metadata that is older than "jazzy"'s. None for
+            the one that recorded the messages, if they came from a bag, or else "jazzy".
+        profile: "std+lossless": a message of its own for each topic, and standard messages where they fit; "std" and
+            "lossless": only these; "json": each row as JSON.
+        mapping: Topic to what its standard messages are, see docs/guides/ros.md; None for the conventions.
+        split_bytes: A new file starts when one has grown to this size; None for one file.
+        time_offset: Added to all times, in s; rows come back with their own.
+        compression: Of MCAP chunks: "zstd", "lz4" or "none"; None for "zstd". SQLite knows only "none".
+        package: What the package of our messages is called.
+        frame_id: Of topics whose metadata has none.
+        tf: Whether to send the first pose of each topic on `/tf` too.
+        on_bad: What a row does that a standard message cannot say: "raise", or "lossless" to leave it out of that
+            message with a warning.
+        embed_images: Whether a field that holds the path of a JPEG or PNG file becomes a message with the image, or
+            the folder that its paths begin at; False leaves paths alone.
+
+    Raises:
+        OptionError: An option has a value that it cannot have.
+        ConversionError: A row cannot be said; the message names it.
+    """
+    origin = carry_out.origin(job)
+    if distro is not None:
+        version = bag_metadata.check_distro(distro)
+    else:
+        distro, version = bag_metadata.distro_of(origin.distro, origin.version)
+    if storage not in ("mcap", "sqlite3"):
+        raise OptionError(f"storage={storage!r}: it must be 'mcap' or 'sqlite3'")
+    if split_bytes is not None and (
+        isinstance(split_bytes, bool) or not isinstance(split_bytes, int) or split_bytes < 1
+    ):
+        raise OptionError(f"split_bytes={split_bytes!r}: it must be None or more than 0 bytes")
+    compressions = ("zstd", "lz4", "none") if storage == "mcap" else ("none",)
+    if compression is not None and compression not in compressions:
+        known = ", ".join(map(repr, compressions))
+        raise OptionError(f"compression={compression!r}: it must be None or {known} with storage={storage!r}")
+    room = bag_mcap.Storage.room if storage == "mcap" else bag_sqlite.Storage.room
+    is_split = split_bytes is not None
+    settings = Settings(
+        profile, mapping, time_offset, package, frame_id, tf, on_bad, False, room, is_split, embed_images
+    )
+    qos = functools.partial(bag_metadata.offered, version=version)
+    begin: Callable[[Path, Sequence[Outlet]], _Storage]
+    if storage == "mcap":
+        begin = functools.partial(bag_mcap.Storage, qos=qos, distro=distro, compression=compression or "zstd")
+    else:
+        begin = functools.partial(bag_sqlite.Storage, qos=qos, distro=distro, version=version)
+    with fresh_folder(job.dest) as folder:
+        names = carry_out.topics(job)
+        carried = carry_out.Carried(job, names, origin, time_offset=time_offset)
+        if storage != "mcap":
+            carry_out.warn_of_beside(carried.files, "SQLite; storage='mcap' keeps them")
+        outgoing = Outgoing(job.without(names), settings, carried)
+        steps = Steps(job.counter())
+        while True:
+            custom = {**origin.custom, **({CUSTOM_KEY: to_text(outgoing.about())} if outgoing.plans else {})}
+            bag = _Bag(folder, job.dest.name, storage, distro, version, split_bytes, begin, outgoing, custom)
+            try:
+                bag.fill(steps)
+            except MisfitError:
+                shutil.rmtree(folder)
+                folder.mkdir()
+                outgoing.widen()
+                continue
+            break
+        steps.finish()
+        write_package(folder / package, outgoing)
+    return job.dest
+
+
+class _Bag:
+    """The files of one bag."""
+
+    def __init__(
+        self,
+        folder: Path,
+        name: str,
+        storage: str,
+        distro: str,
+        version: int,
+        split_bytes: int | None,
+        begin: Callable[[Path, Sequence[Outlet]], _Storage],
+        outgoing: Outgoing,
+        custom: Mapping[str, str],
+    ) -> None:
+        self._folder = folder
+        self._name = name
+        self._storage = storage
+        self._suffix = bag_mcap.SUFFIX if storage == "mcap" else bag_sqlite.SUFFIX
+        self._distro = distro
+        self._version = version
+        self._split_bytes = split_bytes
+        self._begin = begin
+        self._outgoing = outgoing
+        self._custom = custom
+        self._files: list[Contents] = []
+
+    def fill(self, steps: Steps) -> None:
+        """Write all messages, and the metadata."""
+        steps.begin()
+        outlets = self._outgoing.outlets
+        file = self._next()
+        try:
+            for rows, sent in packed(self._outgoing.messages(), file.pack, is_split=self._split_bytes is not None):
+                if not rows:
+                    self._finish(file)
+                    file = self._next()
+                    continue
+                if isinstance(sent, list):
+                    file.write(sent)
+                else:
+                    file.write_packed(sent)
+                steps.add(rows)
+                if self._split_bytes is not None and file.size >= self._split_bytes:
+                    self._outgoing.finish_up()
+            if isinstance(file, bag_mcap.Storage):
+                file.add_beside(self._outgoing.carried_files)
+            self._finish(file)
+        finally:
+            file.close()
+        said = self._information(outlets, self._files)
+        text = bag_metadata.to_yaml({"rosbag2_bagfile_information": said})
+        (self._folder / "metadata.yaml").write_text(text, encoding="utf-8")
+
+    def _next(self) -> _Storage:
+        return self._begin(self._folder / self._file_name(), self._outgoing.outlets)
+
+    def _file_name(self) -> str:
+        return f"{self._name}_{len(self._files)}{self._suffix}"
+
+    def _finish(self, file: _Storage) -> None:
+        contents = Contents(self._file_name(), dict(file.counts), file.start_ns, file.end_ns)
+        file.finish(bag_metadata.to_yaml(self._information(self._outgoing.outlets, [contents])))
+        self._files.append(contents)
+
+    def _information(self, outlets: Sequence[Outlet], files: Sequence[Contents]) -> dict[str, Any]:
+        return bag_metadata.information(self._version, self._storage, self._distro, outlets, files, self._custom)

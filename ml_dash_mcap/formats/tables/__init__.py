@@ -1,0 +1,1 @@
+"""Tables: Parquet, CSV and JSON lines."""

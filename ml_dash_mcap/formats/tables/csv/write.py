@@ -1,0 +1,57 @@
+"""Topics as CSV files: one line a row, one column a number."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from ....inspect.topics import TopicInfo
+from ....rows.table import Block
+from ... import per_topic
+from ...export_job import Counter, Job
+from ...topic_part import Selection
+from .. import write_passes
+from . import cells
+from .layout import Layout
+
+SUFFIX = ".csv"
+
+
+def export(job: Job) -> Path:
+    """Write one CSV file a topic, in UTF-8, `_ts` first, then the fields.
+
+    Nested fields have dotted names; vectors are a column an element, `q.0`, `q.1`, and matrices `m.0.0`, `m.0.1`.
+    `csv_cells` says what the values look like.
+
+    Args:
+        job: What to export.
+    """
+    return per_topic.write(job, SUFFIX, _write)
+
+
+def stream(selection: Selection, info: TopicInfo, out: BinaryIO) -> None:
+    """Write the CSV of one topic to what cannot be written twice; the rows are read twice instead."""
+    layout = Layout(info, selection.columns)
+    for block in selection.blocks():
+        layout.add(block)
+    out.write(layout.header())
+    for block in selection.blocks():
+        out.write(cells.lines(layout.cells(block)))
+
+
+def _write(selection: Selection, info: TopicInfo, path: Path, counter: Counter) -> None:
+    layout = Layout(info, selection.columns)
+
+    @contextlib.contextmanager
+    def begin() -> Iterator[Callable[[Block], None]]:
+        with path.open("wb") as file:
+            file.write(layout.header())
+            yield lambda block: _put(file, layout, block)
+
+    write_passes.write(selection.blocks, layout, begin, counter.add)
+
+
+def _put(file: BinaryIO, layout: Layout, block: Block) -> None:
+    file.write(cells.lines(layout.cells(block)))

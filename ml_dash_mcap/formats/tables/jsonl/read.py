@@ -1,0 +1,253 @@
+"""Files of JSON lines: ours as the rows that they were, those of others row by row."""
+
+from __future__ import annotations
+
+import codecs
+import json
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+import pyarrow as pa
+
+from ....errors import ConversionWarning, ForeignFileError, UsageError
+from ....file_names import MESSAGE
+from ....recorder import Recorder
+from ....rows.dotted import FIELD_PREFIX
+from ....rows.encode import EXACT_KEY, TIME_KEY, restore
+from ....topic import Topic
+from ...readers import Progress
+from ...text.headers import check_on_bad
+from .. import table_files, table_times
+from ..our_tables import put
+from ..row_entries import TIME_NAME
+from ..table_intake import Counter, TableOptions
+
+SUFFIXES = (".jsonl", ".ndjson")
+
+_BATCH_BYTES = 1 << 20
+_LONGEST_BYTES = 1 << 28
+_ROW_BYTES = 100
+_SAMPLE = 1000
+
+
+def detect(path: Path) -> str | None:
+    """Return "jsonl" for a file of JSON lines, and for a folder of such and nothing else."""
+    return "jsonl" if table_files.are_at(path, SUFFIXES) else None
+
+
+def record(
+    src: Path,
+    recorder: Recorder,
+    *,
+    progress: Progress | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    topic: str | None = None,
+    start: float = 0.0,
+    on_bad: str = "raise",
+) -> None:
+    """Append files of JSON lines, one topic a file and one object a row.
+
+    Dotted names are those of nested dicts if the first key is `timestamp`, as in files of `export(format="jsonl")`, and
+    the side key `_exact` says which nulls were NaN and which text was bytes.
+
+    Args:
+        src: A file, or a folder of such.
+        recorder: Where to.
+        progress: Called now and then with the rows done and the rows in all.
+        time_column: The key of times; found by its name by default, see `table_times`.
+        time_unit: What its numbers count: "s", "ms", "us" or "ns"; by default what its name says, or what is plain from
+            numbers of wall-clock time in the first 1,000 rows; seconds for other fractions.
+        topic: What to call the topic; by default the file's name.
+        start: The time stamp of the time 0, in s.
+        on_bad: What to do with lines without a time, or that are no JSON object: "raise", or "missing" to leave them
+            out and warn.
+
+    Raises:
+        ForeignFileError: A line is no JSON object, or has no time; says which.
+        NotFoundError: There is no such `time_column`.
+    """
+    check_on_bad(on_bad)
+    files = table_files.of(src)
+    if topic is not None and len(files) > 1:
+        raise UsageError(f"{src}: topic={topic!r} names one topic, but there are {len(files)} files")
+    total = sum(path.stat().st_size // _ROW_BYTES for path in files)
+    counter = Counter(progress, total)
+    for path in files:
+        options = TableOptions(time_column, time_unit, topic, start, on_bad)
+        _File(path, recorder, options).run(counter)
+    counter.finish()
+
+
+class _File:
+    """One file and the topic that it becomes."""
+
+    def __init__(self, path: Path, recorder: Recorder, options: TableOptions) -> None:
+        self._path, self._recorder, self._options = path, recorder, options
+        self._is_ours = False
+        self._left_out = 0
+
+    def run(self, counter: Counter) -> None:
+        """Append its rows."""
+        sample: list[tuple[int, dict[str, Any]]] = []
+        topic: Topic | None = None
+        waiting = sample
+        size = 0
+        for line, text in self._lines():
+            row = self._row(line, text)
+            if row is None:
+                continue
+            if not waiting and topic is None:
+                self._is_ours = _is_ours(text)
+            waiting.append((line, row))
+            size += len(text)
+            if size >= _BATCH_BYTES or (topic is None and len(waiting) >= _SAMPLE):
+                topic = topic or self._open([row for _, row in waiting])
+                self._append(topic, waiting)
+                counter.add(len(waiting))
+                waiting, size = [], 0
+        if topic is None and not waiting:
+            what = f"{self._path}: the file has no rows, so there is no topic of it"
+            warnings.warn(what, ConversionWarning, stacklevel=4)
+        else:
+            topic = topic or self._open([row for _, row in waiting])
+            self._append(topic, waiting)
+            counter.add(len(waiting))
+        if self._left_out:
+            warnings.warn(
+                f"{self._path}: {self._left_out} lines without a row or a time were left out",
+                ConversionWarning,
+                stacklevel=4,
+            )
+
+    def _lines(self) -> Iterator[tuple[int, bytes]]:
+        """Yield the lines that are not blank, each with its number."""
+        with self._path.open("rb") as file:
+            number = 0
+            while text := file.readline(_LONGEST_BYTES):
+                number += 1
+                if len(text) >= _LONGEST_BYTES:
+                    raise ForeignFileError(self._path, f"the line has more than {_LONGEST_BYTES} bytes", number)
+                text = text.removeprefix(codecs.BOM_UTF8).strip() if number == 1 else text.strip()
+                if text:
+                    yield number, text
+
+    def _row(self, line: int, text: bytes) -> dict[str, Any] | None:
+        """Return what a line says; None if it says nothing, and that is allowed."""
+        try:
+            row = _loads(text)
+            what = f"the line is {text[:40].decode('utf-8', 'replace')!r}, which is no JSON object"
+        except ValueError as error:
+            row, what = None, f"the line is no JSON: {error}"
+        if isinstance(row, dict):
+            return row
+        if self._options.on_bad == "raise":
+            raise ForeignFileError(
+                self._path, f"{what}; pass on_bad='missing' to convert() to leave such lines out", line
+            )
+        self._left_out += 1
+        return None
+
+    def _open(self, sample: list[dict[str, Any]]) -> Topic:
+        options = self._options
+        has_dicts = any(isinstance(one, dict) and one for row in sample for key, one in row.items() if key != EXACT_KEY)
+        self._is_ours = self._is_ours and options.time_column in (None, TIME_NAME) and not has_dicts
+        self._time = table_times.find(
+            self._path,
+            _schema(sample),
+            lambda name: _range(sample, name),
+            time_column=options.time_column,
+            time_unit=options.time_unit or ("s" if self._is_ours else None),
+            units={},
+        )
+        name = table_files.topic_name(self._path, is_ours=self._is_ours)
+        said = None if self._is_ours else {"source": self._path.name, "time_column": self._time.name}
+        return self._recorder._open(options.topic or name, MESSAGE, Topic, metadata=said)
+
+    def _append(self, topic: Topic, numbered: list[tuple[int, dict[str, Any]]]) -> None:
+        rows = [row for _, row in numbered]
+        times = self._seconds([row.get(self._time.name) for row in rows]) + self._options.start
+        good = table_times.are_times(times)
+        if not good.all() and self._options.on_bad == "raise":
+            at = int((~good).argmax())
+            said = rows[at].get(self._time.name)
+            hint = table_times.hint(float(times[at]))
+            what = f"the time is {said!r} under the key {self._time.name!r}, which is no time stamp; {hint}"
+            raise ForeignFileError(self._path, what, numbered[at][0])
+        self._left_out += int((~good).sum())
+        keeps = not (self._time.unit == "s" and self._time.is_number)
+        made = [
+            {**self._fields(row, keeps), TIME_KEY: time}
+            for row, time, is_good in zip(rows, times.tolist(), good.tolist(), strict=True)
+            if is_good
+        ]
+        if made:
+            topic.append_batch(made)
+
+    def _fields(self, row: dict[str, Any], keeps: bool) -> dict[str, Any]:
+        """Return a row's fields, without its time where `_ts` says the same."""
+        if not keeps:
+            row = {name: value for name, value in row.items() if name != self._time.name}
+        if self._is_ours:
+            return _nested(restore(row))
+        if TIME_KEY in row or EXACT_KEY in row:
+            return {FIELD_PREFIX + name if name in (TIME_KEY, EXACT_KEY) else name: one for name, one in row.items()}
+        return row
+
+    def _seconds(self, values: list[Any]) -> table_times.Floats:
+        if self._time.is_number:
+            by = table_times.UNITS[self._time.unit]
+            return np.array([one / by if type(one) in (int, float) else np.nan for one in values])
+        texts = pa.array([one if isinstance(one, str) else None for one in values], pa.string())
+        return table_times.seconds(self._path, texts, self._time)
+
+
+def _is_ours(text: bytes) -> bool:
+    """Whether a file's first line is spelt as `formats.tables.jsonl.text` does."""
+    return text.startswith(b'{"%b":' % TIME_NAME.encode()) and text[13:14].isdigit()
+
+
+def _loads(text: bytes) -> Any:
+    try:
+        return orjson.loads(text)
+    except orjson.JSONDecodeError:  # which knows neither NaN nor Infinity
+        return json.loads(text)
+
+
+def _schema(sample: list[dict[str, Any]]) -> pa.Schema:
+    """Return the types of what may be a time; of all other keys, null."""
+    kinds: dict[str, set[type]] = {}
+    for row in sample:
+        for name, value in row.items():
+            kinds.setdefault(name, set()).add(type(value))
+    return pa.schema([(name, _type(found - {type(None)})) for name, found in kinds.items()])
+
+
+def _type(kinds: set[type]) -> pa.DataType:
+    if kinds == {int}:
+        return pa.int64()
+    if kinds and kinds <= {int, float}:
+        return pa.float64()
+    return pa.string() if kinds == {str} else pa.null()
+
+
+def _range(sample: list[dict[str, Any]], name: str) -> tuple[Any, Any]:
+    values = [row[name] for row in sample if type(row.get(name)) in (int, float)]
+    return (min(values), max(values)) if values else (None, None)
+
+
+def _nested(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row whose dotted names are dicts again."""
+    nested: dict[str, Any] = {}
+    for name, value in row.items():
+        plain = name.removeprefix(FIELD_PREFIX)
+        if name.startswith(FIELD_PREFIX) and plain == TIME_NAME:
+            nested[plain] = value
+            continue
+        parts = tuple(name.split("."))
+        put(nested, parts if all(parts) else (name,), value)
+    return nested

@@ -1,0 +1,43 @@
+"""Topics as files of JSON lines."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import BinaryIO
+
+from ....inspect.topics import TopicInfo
+from ... import per_topic
+from ...export_job import Counter, Job
+from ...topic_part import Selection
+from ..row_entries import TIME_NAME
+from . import text as jsonl
+
+SUFFIX = ".jsonl"
+
+_COUNTED_ROWS = 1000
+
+
+def export(job: Job) -> Path:
+    """Write one file a topic, with the lines of `read(format="jsonl")`, each with a newline at its end.
+
+    Args:
+        job: What to export.
+    """
+    return per_topic.write(job, SUFFIX, _write)
+
+
+def stream(selection: Selection, info: TopicInfo, out: BinaryIO) -> None:
+    """Write one topic's lines to an open file or pipe."""
+    for row in selection.flat_rows(TIME_NAME):
+        out.write(jsonl.line(row) + b"\n")
+
+
+def _write(selection: Selection, info: TopicInfo, path: Path, counter: Counter) -> None:
+    with path.open("wb") as file:
+        done = 0
+        for row in selection.flat_rows(TIME_NAME):
+            file.write(jsonl.line(row) + b"\n")
+            done += 1
+            if done % _COUNTED_ROWS == 0:
+                counter.add(_COUNTED_ROWS)
+        counter.add(done % _COUNTED_ROWS)

@@ -1,0 +1,309 @@
+"""Tables that this library wrote, as the rows that they were: what `formats.tables.parquet.layout` does, undone.
+
+Null is a field that a row does not have; where a column has no value at all, every row had None there. Messages and
+tables of others have all of their fields in each row: null is None there.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import orjson
+import pyarrow as pa
+
+from ...file_names import MESSAGE, TRACK
+from ...recorder import Recorder
+from ...rows import arrays, packed
+from ...rows.dotted import FIELD_PREFIX
+from ...rows.encode import TIME_KEY
+from ...rows.table import ENCODING_KEY, from_text
+from ...topic import Topic
+from .parquet.layout import OTHER_CLOCK, SHAPE_KEY, UNIT_KEY, WALL_CLOCK
+
+ABSENT: Any = object()
+
+Make = Callable[[Any], Any]
+"""Makes a row's value of what a column holds."""
+
+_INDEXED = re.compile(r"(.+?)((?:\.\d+)+)")
+_ANNOTATIONS = ("units", "joint_names", "quat_order", "frame_id")
+
+
+class OurTable:
+    """What the columns of such a table were made of."""
+
+    def __init__(self, schema: pa.Schema, about: Mapping[str, Any]) -> None:
+        """Look at the columns.
+
+        Args:
+            schema: Of the table.
+            about: What the file says: the topic, the schema of its rows, and so on.
+        """
+        self._about = about
+        self.time_name: str = about.get("time", TIME_KEY)
+        self._properties = _properties(about.get("schema"))
+        taken = {self.time_name, *(field.name for field in list(schema)[1:2] if _is_derived(field))}
+        self._fields = {field.name: field for field in schema if field.name not in taken}
+        self._paths = {name: self._path(name, taken) for name in self._fields}
+        self._vectors = self._grouped() if about.get("flatten") else {}
+        grouped = {name for names, _ in self._vectors.values() for name in names}
+        self._single = [name for name in self._fields if name not in grouped]
+        self._nothing = None if about.get("kind") == MESSAGE else ABSENT
+        self._types = dict(_array_types(self._properties))
+        self._makes = {name: self._maker(field) for name, field in self._fields.items()}
+
+    def open(self, recorder: Recorder, name: str) -> Topic:
+        """Open its topic, with what was said of it."""
+        about = self._about
+        metadata = dict(about.get("metadata") or {})
+        metadata.update({key: about[key] for key in _ANNOTATIONS if about.get(key)})
+        params = (about.get("run") or {}).get("params")
+        if isinstance(params, Mapping) and params:
+            recorder.set_parameters(params)
+        kind = TRACK if about.get("kind") == TRACK else MESSAGE  # which merges nothing, where nothing says what it was
+        return recorder._open(
+            name,
+            kind,
+            Topic,
+            description=about.get("description"),
+            tags=about.get("tags") or None,
+            metadata=metadata or None,
+        )
+
+    def append(self, topic: Topic, times: npt.NDArray[np.float64], batch: pa.RecordBatch) -> None:
+        """Append some rows.
+
+        Args:
+            topic: Where to.
+            times: Time stamps, [N], s.
+            batch: Their columns.
+        """
+        columns = {name: batch.column(name) for name in self._fields}
+        if not self._vectors:
+            tree = self._arrays(columns)
+            if tree is not None:
+                topic.append_columns(_ts=times, **tree)
+                return
+        rows: list[dict[str, Any]] = [{} for _ in range(batch.num_rows)]
+        for name in self._single:
+            make, path = self._makes[name], self._paths[name]
+            for row, value in zip(rows, columns[name].to_pylist(), strict=True):
+                put(row, path, make(value))
+        for base, (names, shape) in self._vectors.items():
+            path, makes = self._paths_of(base), [self._makes[name] for name in names]
+            vectors = zip(*(columns[name].to_pylist() for name in names), strict=True)
+            for row, elements in zip(rows, vectors, strict=True):
+                put(row, path, self._vector([make(one) for make, one in zip(makes, elements, strict=True)], shape))
+        for row, time in zip(rows, times.tolist(), strict=True):
+            row[TIME_KEY] = time
+        topic.append_batch(rows)
+
+    def _arrays(self, columns: Mapping[str, pa.Array]) -> dict[str, Any] | None:
+        """Return nested dicts of numpy arrays, masked where a row lacks a field; None if not all are numbers."""
+        tree: dict[str, Any] = {}
+        for name, column in columns.items():
+            is_nested = pa.types.is_struct(column.type)
+            if self._nothing is None and (column.null_count or is_nested):  # a mask says that a row lacks the field
+                return None
+            array = _array(self._fields[name], column)
+            if array is None or not self._is_packed_alike(name, array) or not put(tree, self._paths[name], array):
+                return None
+        return tree or None
+
+    def _is_packed_alike(self, name: str, array: Any) -> bool:
+        """Whether columns become arrays in the rows where arrays were, and lists where lists were."""
+        if isinstance(array, dict):
+            return all(self._is_packed_alike(f"{name}.{key}", inner) for key, inner in array.items())
+        is_large = len(array) > 0 and array.ndim > 1 and packed.is_large(array[0])
+        return bool(is_large == (name.removeprefix(FIELD_PREFIX) in self._types))
+
+    def _maker(self, field: pa.Field) -> Make:
+        return _maker(field, self._nothing, field.name.removeprefix(FIELD_PREFIX), self._types)
+
+    def _vector(self, elements: list[Any], shape: tuple[int, ...]) -> Any:
+        """Return the elements of a vector or a matrix in its shape; `ABSENT` if none is there."""
+        flat = [None if one is ABSENT else one for one in elements]
+        if all(one is None for one in flat):
+            return self._nothing
+        found = _reshaped(flat, shape)
+        return _trimmed(found) if self._about.get("ragged") else found
+
+    def _path(self, name: str, taken: set[str]) -> tuple[str, ...]:
+        plain = name.removeprefix(FIELD_PREFIX)
+        if name.startswith(FIELD_PREFIX) and plain in taken:
+            return (plain,)
+        return self._paths_of(name)
+
+    def _paths_of(self, name: str) -> tuple[str, ...]:
+        parts = tuple(name.split("."))
+        return (name,) if name in self._properties or not all(parts) else parts
+
+    def _grouped(self) -> dict[str, tuple[list[str], tuple[int, ...]]]:
+        """Return the columns of each vector or matrix, and its shape, by its name."""
+        found: dict[str, list[tuple[tuple[int, ...], str]]] = {}
+        for name in self._fields:
+            indexed = _INDEXED.fullmatch(name)
+            if indexed and name not in self._properties:
+                found.setdefault(indexed[1], []).append((tuple(map(int, indexed[2][1:].split("."))), name))
+        grouped: dict[str, tuple[list[str], tuple[int, ...]]] = {}
+        for base, entries in found.items():
+            indices = [index for index, _ in entries]
+            shape = tuple(max(axis) + 1 for axis in zip(*indices, strict=False))
+            is_whole = len({len(index) for index in indices}) == 1 and indices == list(np.ndindex(*shape))
+            if is_whole and base not in self._fields and self._type_of(base) != "object":
+                grouped[base] = ([name for _, name in entries], shape)
+        return grouped
+
+    def _type_of(self, name: str) -> Any:
+        """Return what the rows' schema says a field is; None if it says nothing."""
+        inner: Any = {"properties": self._properties}
+        for part in self._paths_of(name):
+            inner = _properties(inner).get(part)
+        return inner.get("type") if isinstance(inner, Mapping) else None
+
+
+def _is_derived(field: pa.Field) -> bool:
+    """Whether a column says the same as that of time stamps, for other readers."""
+    if field.name == WALL_CLOCK:
+        return bool(pa.types.is_timestamp(field.type))
+    return field.name == OTHER_CLOCK and (field.metadata or {}).get(UNIT_KEY) == b"ns"
+
+
+def _properties(schema: Any) -> Mapping[str, Any]:
+    found = schema.get("properties") if isinstance(schema, Mapping) else None
+    return found if isinstance(found, Mapping) else {}
+
+
+def put(row: dict[str, Any], path: tuple[str, ...], value: Any) -> bool:
+    """Put a value where it was; a key whose parent is no dict keeps its dots. Returns whether it is nested."""
+    if value is ABSENT:
+        return True
+    inner = row
+    for key in path[:-1]:
+        found = inner.setdefault(key, {})
+        if not isinstance(found, dict):
+            row[".".join(path)] = value
+            return False
+        inner = found
+    inner[path[-1]] = value
+    return True
+
+
+def _array_types(properties: Mapping[str, Any], parent: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the dotted names of fields that were large arrays, and the types of these."""
+    for name, said in properties.items():
+        description = said.get("description") if isinstance(said, Mapping) and "contentEncoding" in said else None
+        found = packed.parse(description) if isinstance(description, str) else None
+        if found is not None:
+            yield parent + name, found[0]
+        elif isinstance(said, Mapping):
+            yield from _array_types(_properties(said), f"{parent}{name}.")
+
+
+def _large(value: Any, type_: str) -> Any:
+    """Return nested lists as the array that they were, unless that would have been a list."""
+    try:
+        found = np.array(value, type_)
+    except TypeError:  # None, where an element was masked
+        objects = np.array(value, object)
+        mask = np.reshape([one is None for one in objects.flat], objects.shape)
+        found = np.ma.MaskedArray(np.where(mask, 0, objects).astype(type_), mask)
+    except ValueError:  # ragged
+        return value
+    return found if packed.is_large(found) else value
+
+
+def _maker(field: pa.Field, nothing: Any, name: str, types: Mapping[str, str]) -> Make:
+    """Return what makes a row's value of a column's.
+
+    Args:
+        field: The column.
+        nothing: What null is, `ABSENT` or None; it is None where the column's type has no other value.
+        name: Of the field, dotted.
+        types: Of the fields that were large arrays, by name.
+    """
+    said, type_ = field.metadata or {}, field.type
+    if said.get(ENCODING_KEY) == b"json":
+        return lambda value: nothing if value is None else from_text(value)
+    if pa.types.is_null(type_):
+        return lambda value: None
+    shape = _shape(said)
+    if name in types:
+        return lambda value: nothing if value is None else _large(_reshaped(value, shape), types[name])
+    if len(shape) > 1:
+        return lambda value: nothing if value is None else _reshaped(value, shape)
+    if pa.types.is_struct(type_):
+        return _struct_maker(type_, nothing, name, types)
+    return lambda value: nothing if value is None else value
+
+
+def _struct_maker(type_: pa.DataType, nothing: Any, name: str, types: Mapping[str, str]) -> Make:
+    inner = [type_.field(at) for at in range(type_.num_fields)]
+    makes = {one.name: _maker(one, nothing, f"{name}.{one.name}", types) for one in inner}
+    has_values = _has_values(type_)
+
+    def make(value: Any) -> Any:
+        if value is None and has_values:
+            return nothing
+        made = {key: one((value or {}).get(key)) for key, one in makes.items()}
+        return {key: inner for key, inner in made.items() if inner is not ABSENT}
+
+    return make
+
+
+def _has_values(type_: pa.DataType) -> bool:
+    if pa.types.is_struct(type_):
+        return any(_has_values(type_.field(at).type) for at in range(type_.num_fields))
+    return not pa.types.is_null(type_)
+
+
+def _shape(metadata: Mapping[bytes, bytes]) -> tuple[int, ...]:
+    try:
+        said = orjson.loads(metadata.get(SHAPE_KEY, b"[]"))
+    except orjson.JSONDecodeError:
+        return ()
+    return tuple(said) if isinstance(said, list) and all(type(one) is int and one > 0 for one in said) else ()
+
+
+def _reshaped(flat: list[Any], shape: tuple[int, ...]) -> list[Any]:
+    for length in reversed(shape[1:]):
+        flat = [flat[at : at + length] for at in range(0, len(flat), length)]
+    return flat
+
+
+def _trimmed(value: Any) -> Any:
+    """Return lists without what is missing at their ends."""
+    if not isinstance(value, list):
+        return value
+    found = [_trimmed(one) for one in value]
+    while found and (found[-1] is None or found[-1] == []):
+        found.pop()
+    return found
+
+
+def _array(field: pa.Field, column: pa.Array) -> Any:
+    """Return a column of numbers as numpy, [N, ...], or one of structs of such as a dict; None for all else."""
+    if ENCODING_KEY in (field.metadata or {}):
+        return None
+    if pa.types.is_struct(field.type):
+        inner = [field.type.field(at) for at in range(field.type.num_fields)]
+        found = {one.name: _array(one, child) for one, child in zip(inner, column.flatten(), strict=True)}
+        return found if found and all(one is not None for one in found.values()) else None
+    shape, leaf = arrays.shape_of(column)
+    is_number = pa.types.is_integer(leaf.type) or pa.types.is_floating(leaf.type) or pa.types.is_boolean(leaf.type)
+    if shape is None or not is_number or 0 in shape or (shape and leaf.null_count):
+        return None
+    present = column.is_valid().to_numpy(zero_copy_only=False)
+    said = _shape(field.metadata or {}) or shape
+    if len(shape) <= 1:
+        shape = said
+    values = np.zeros((len(column), *shape), leaf.type.to_pandas_dtype())
+    values[present] = (leaf.drop_null() if leaf.null_count else leaf).to_numpy(zero_copy_only=False).reshape(-1, *shape)
+    if present.all():
+        return values
+    mask = np.broadcast_to(~present.reshape(-1, *([1] * len(shape))), values.shape)
+    return np.ma.MaskedArray(values, mask)

@@ -1,0 +1,177 @@
+"""How a topic's columns lie in a Parquet file: which types, which structs, what is said about each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import orjson
+import pyarrow as pa
+
+from .... import clock
+from ....inspect.topics import TopicInfo
+from ....rows import kinds
+from ....rows.data_frames import nanoseconds
+from ....rows.dotted import FIELD_PREFIX, flatten, free_names
+from ....rows.encode import TIME_KEY, encodable
+from ....rows.kinds import Kind
+from ....rows.table import ENCODING_KEY, Block, Column
+from .. import nested_columns
+
+WALL_CLOCK = "timestamp"
+"""The column of time stamps, as instants in UTC, of a clock that shows wall-clock time."""
+
+OTHER_CLOCK = "timestamp_ns"
+"""The column of time stamps, in ns, of other clocks."""
+
+SHAPE_KEY = b"ml_dash.shape"
+"""Metadata of a vector's or matrix's column: its shape, such as `[4, 4]`; the values lie row by row."""
+
+UNIT_KEY = b"ml_dash.unit"
+"""Metadata of a column: its unit, if the topic's metadata has one under `units`."""
+
+_SCALARS = {
+    "boolean": pa.bool_(),
+    "integer": pa.int64(),
+    "number": pa.float64(),
+    "string": pa.string(),
+    "bytes": pa.binary(),
+}
+
+Make = Callable[[pa.Array], pa.Array]
+
+
+class Layout:
+    """A topic's columns, learnt block by block; by it, blocks become tables of one schema."""
+
+    def __init__(self, info: TopicInfo, *, flat: bool) -> None:
+        """Begin with what the topic's schema says.
+
+        Args:
+            info: The topic.
+            flat: Whether vectors are a column an element, and nested fields columns with dotted names.
+        """
+        self._flat = flat
+        self._kinds = dict(_expected(info))
+        self._literal = {name for name in _properties(info.schema) if "." in name}
+        units = info.metadata.get("units")
+        self._units = flatten({**units, TIME_KEY: "s"}, TIME_KEY) if isinstance(units, Mapping) else {}
+        self._time_name = WALL_CLOCK if clock.is_epoch_like(info.start or 0.0) else OTHER_CLOCK
+        self._rows = False
+
+    def add(self, block: Block) -> None:
+        """Widen the columns by the values of a block."""
+        self._kinds = self._widened(block)
+        self._rows = True
+
+    def holds(self, block: Block) -> bool:
+        """Whether a block's values fit the columns."""
+        widened = self._widened(block)
+        return widened.keys() == self._kinds.keys() and all(
+            kind is self._kinds[name] or _is_stored_alike(kind, self._kinds[name]) for name, kind in widened.items()
+        )
+
+    def schema(self) -> pa.Schema:
+        """Return the schema of all tables."""
+        return self._plan()[0]
+
+    def tables(self) -> Callable[[Block], pa.Table]:
+        """Return what makes a table of a block, by the columns as they are now."""
+        schema, tree, columns = self._plan()
+        kept = self._kept()
+        time_type = schema.field(1).type
+
+        def make(block: Block) -> pa.Table:
+            cast = {name: kinds.cast(_values(block, name), kind) for name, kind in kept.items()}
+            flat = {name: take(cast[source]) for name, (source, _, take) in columns.items()}
+            times = kinds.whole(block.columns[TIME_KEY].array)
+            stamps = nanoseconds(times).cast(time_type)
+            return pa.Table.from_arrays(
+                [times, stamps, *nested_columns.arrays(list(schema)[2:], tree, flat)], schema=schema
+            )
+
+        return make
+
+    def _widened(self, block: Block) -> dict[str, Kind]:
+        new = kinds.ABSENT if self._rows else kinds.NOTHING
+        widened: dict[str, Kind] = {}
+        for name in {**self._kinds, **{name: None for name in block.columns if name != TIME_KEY}}:
+            widened[name] = self._kinds.get(name, new) + kinds.of(_values(block, name))
+        return widened
+
+    def _kept(self) -> dict[str, Kind]:
+        """Return the columns without those of dicts that were None here and there."""
+        parents = {name[:at] for name in self._kinds for at, letter in enumerate(name) if letter == "."}
+        return {
+            name: kind for name, kind in self._kinds.items() if not (name in parents and pa.types.is_null(kind.type))
+        }
+
+    def _plan(self) -> tuple[pa.Schema, nested_columns.Tree, dict[str, tuple[str, pa.Field, Make]]]:
+        """Return the schema, where the columns lie in it, and of each: what it is made of, its field, and how."""
+        made = [one for source, kind in self._kept().items() for one in self._columns(source, kind)]
+        names = [FIELD_PREFIX + field.name if field.name == self._time_name else field.name for _, field, _ in made]
+        columns = dict(zip(free_names(names), made, strict=True))
+        literal = {FIELD_PREFIX + self._time_name, *self._literal}
+        tree = nested_columns.tree(columns, columns if self._flat else literal).renamed(
+            {self._time_name: FIELD_PREFIX + self._time_name}
+        )
+        time_type = pa.timestamp("ns", tz="UTC") if self._time_name == WALL_CLOCK else pa.int64()
+        times = [
+            pa.field(TIME_KEY, pa.float64(), nullable=False, metadata={UNIT_KEY: b"s"}),
+            pa.field(self._time_name, time_type, metadata=None if self._time_name == WALL_CLOCK else {UNIT_KEY: b"ns"}),
+        ]
+        return pa.schema([*times, *nested_columns.fields(tree, lambda name: columns[name][1])]), tree, columns
+
+    def _columns(self, name: str, kind: Kind) -> Iterator[tuple[str, pa.Field, Make]]:
+        """Yield the columns that one becomes: its own name, their fields, and what makes them of its values."""
+        about = {ENCODING_KEY: b"json"} if kind.is_text else {}
+        unit = self._units.get(name)
+        if unit is not None:
+            about[UNIT_KEY] = (unit if isinstance(unit, str) else orjson.dumps(unit).decode()).encode()
+        if not (self._flat and kind.shape):
+            shape = {SHAPE_KEY: orjson.dumps(kind.shape)} if kind.shape else {}
+            yield name, pa.field(name, kind.stored, metadata={**about, **shape} or None), lambda array: array
+            return
+        for place, index in enumerate(np.ndindex(*kind.shape)):
+            element = ".".join(map(str, (name, *index)))
+            yield name, pa.field(element, kind.element, metadata=about or None), _element(place, kind)
+
+
+def _expected(info: TopicInfo) -> Iterator[tuple[str, Kind]]:
+    """Yield the columns that the schema is sure of."""
+    for name, said in info.fields.items():
+        type_ = _SCALARS.get(said.type)
+        is_vector = bool(said.shape) and all(said.shape) and said.type in ("integer", "number")
+        if type_ is None or (said.shape and not is_vector):
+            continue
+        for length in reversed(said.shape):
+            type_ = pa.list_(type_, length)
+        yield encodable(name), Kind(type_)
+
+
+def _properties(schema: Mapping[str, Any]) -> Mapping[str, Any]:
+    found = schema.get("properties")
+    return found if isinstance(found, Mapping) else {}
+
+
+def _is_stored_alike(first: Kind, second: Kind) -> bool:
+    return bool(first.stored == second.stored) and (first.shape, first.is_text) == (second.shape, second.is_text)
+
+
+def _values(block: Block, name: str) -> Column:
+    return block.columns.get(name) or Column(pa.nulls(block.count))
+
+
+def _element(place: int, kind: Kind) -> Make:
+    """Return what takes one element, by its number, of each vector or matrix."""
+    size = int(np.prod(kind.shape))
+
+    def take(array: pa.Array) -> pa.Array:
+        if array.null_count == 0:
+            return array.flatten().take(pa.array(np.arange(place, len(array) * size, size)))
+        present = array.is_valid().to_numpy(zero_copy_only=False)
+        where = (np.cumsum(present) - 1) * size + place
+        return array.flatten().take(pa.array(where, mask=~present))
+
+    return take

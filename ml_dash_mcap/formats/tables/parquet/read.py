@@ -1,0 +1,182 @@
+"""Parquet files: ours as the rows that they were, those of others row by row."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import orjson
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from ....errors import ConversionWarning, ForeignFileError, OptionError
+from ....recorder import Recorder
+from ...readers import Progress
+from .. import table_files
+from ..table_intake import TableOptions
+from .write import ABOUT_KEY
+
+SUFFIXES = (".parquet", ".pq")
+
+_MAGIC = b"PAR1"
+_BATCH_ROWS = 8192
+_BATCH_BYTES = 16 * 2**20
+_BUFFER_BYTES = 2**20
+"""Columns are read so many bytes at a time, so that a large row group need not be in memory."""
+
+
+def detect(path: Path) -> str | None:
+    """Return "parquet" for a Parquet file, and for a folder of such and nothing else."""
+    if table_files.are_at(path, SUFFIXES):
+        return "parquet"
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        return "parquet" if file.read(len(_MAGIC)) == _MAGIC else None
+
+
+def record(
+    src: Path,
+    recorder: Recorder,
+    *,
+    progress: Progress | None = None,
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    topic: str | None = None,
+    start: float = 0.0,
+    on_bad: str = "raise",
+    on_damage: str = "raise",
+) -> None:
+    """Append Parquet files, one topic a file.
+
+    A file that this library wrote gives the rows, units and metadata that it was written from. Of any other, each row
+    is a row of its own with all its columns; null is None. What JSON has no type for keeps all that it says:
+    `arrow_values` tells how.
+
+    Args:
+        src: A file, or a folder of such.
+        recorder: Where to.
+        progress: Called now and then with the rows done and the rows in all.
+        time_column: The column of times; found by its name and type by default, see `table_times`.
+        time_unit: What its numbers count: "s", "ms", "us" or "ns"; by default what the type, the column's metadata or
+            its name says, or what is plain from numbers of wall-clock time; seconds for other fractions.
+        topic: What to call the topic; by default what the file says, or else the file's name.
+        start: The time stamp of the table's time 0, in s.
+        on_bad: What to do with rows without a time: "raise", or "missing" to leave them out and warn.
+        on_damage: What to do if a row group is damaged: "raise", or "skip" to leave out the rest of it and warn.
+
+    Raises:
+        ForeignFileError: It is no Parquet file, has no column of times, or one whose unit is not plain; says which
+            columns there are.
+        NotFoundError: There is no such `time_column`.
+    """
+    if on_damage not in ("raise", "skip"):
+        raise OptionError(f"on_damage={on_damage!r}: it must be 'raise' or 'skip'")
+    options = TableOptions(time_column, time_unit, topic, start, on_bad)
+
+    def opened(path: Path) -> _File:
+        return _File(path, skips=on_damage == "skip")
+
+    table_files.record(src, recorder, opened, options, progress, _rows)
+
+
+def _rows(path: Path) -> int:
+    file = _File(path)
+    try:
+        return file.rows
+    finally:
+        file.close()
+
+
+class _File:
+    """One Parquet file."""
+
+    def __init__(self, path: Path, *, skips: bool = False) -> None:
+        self.path, self._skips = path, skips
+        try:
+            self._file = pq.ParquetFile(
+                path, buffer_size=_BUFFER_BYTES, pre_buffer=False, page_checksum_verification=True
+            )
+            self.schema: pa.Schema = self._file.schema_arrow
+        except (pa.ArrowException, OSError) as error:
+            raise ForeignFileError(path, f"it cannot be read as Parquet: {error}") from error
+        metadata = dict(self.schema.metadata or {})
+        self.about = _about(metadata.get(ABOUT_KEY.encode()), self.schema)
+
+    @property
+    def rows(self) -> int:
+        """How many there are."""
+        return int(self._file.metadata.num_rows)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def range_of(self, column: str) -> tuple[Any, Any]:
+        """Return the least and the greatest value of a column; both None if it has none."""
+        low: Any = None
+        high: Any = None
+        at = self.schema.names.index(column)
+        for batch in self._of_column(column):
+            array = batch.column(0 if batch.num_columns == 1 else at)
+            found = pc.min_max(array.dictionary_decode() if pa.types.is_dictionary(array.type) else array).as_py()
+            if found["min"] is not None:
+                low = found["min"] if low is None else min(low, found["min"])
+                high = found["max"] if high is None else max(high, found["max"])
+        return low, high
+
+    def _of_column(self, column: str) -> Iterator[pa.RecordBatch]:
+        """Yield a column, or all of them if its name is there twice."""
+        wanted = [column] if self.schema.names.count(column) == 1 else None
+        for group in range(self._file.metadata.num_row_groups):
+            try:
+                yield from self._batches(wanted, [group])
+            except ForeignFileError:
+                if not self._skips:
+                    raise
+
+    def batches(self) -> Iterator[pa.RecordBatch]:
+        """Yield the rows, some at a time."""
+        lost = 0
+        for group in range(self._file.metadata.num_row_groups):
+            rest: int = self._file.metadata.row_group(group).num_rows
+            try:
+                for batch in self._batches(None, [group]):
+                    yield batch
+                    rest -= batch.num_rows
+            except ForeignFileError:
+                if not self._skips:
+                    raise
+                lost += rest
+        if lost:
+            what = f"{self.path}: {lost} of {self.rows} rows are damaged and were left out"
+            warnings.warn(what, ConversionWarning, stacklevel=4)
+
+    def place(self, row: int) -> str:
+        """Return where a row stands, in words."""
+        return f"row {row}"
+
+    def _batches(self, columns: list[str] | None, groups: list[int]) -> Iterator[pa.RecordBatch]:
+        metadata = self._file.metadata
+        size = sum(metadata.row_group(at).total_byte_size for at in range(metadata.num_row_groups))
+        each = max(1, size // max(1, metadata.num_rows))
+        rows = _BATCH_ROWS if columns else max(1, min(_BATCH_ROWS, _BATCH_BYTES // each))
+        try:
+            yield from self._file.iter_batches(batch_size=rows, columns=columns, row_groups=groups)
+        except (pa.ArrowException, OSError) as error:
+            raise ForeignFileError(self.path, f"it is damaged, or has what cannot be read: {error}") from error
+
+
+def _about(text: bytes | None, schema: pa.Schema) -> Mapping[str, Any] | None:
+    """Return what this library wrote into a file's metadata; None if it did not, or if somebody changed the columns."""
+    if text is None:
+        return None
+    try:
+        found = orjson.loads(text)
+    except orjson.JSONDecodeError:
+        return None
+    is_ours = isinstance(found, dict) and found.get("time") in schema.names
+    return found if is_ours and pa.types.is_floating(schema.field(found["time"]).type) else None

@@ -1,0 +1,157 @@
+"""Topics as Parquet files: typed, compressed, in time order, with what is known of them in their metadata."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import orjson
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ....errors import UsageError
+from ....file_names import ABOUT_RECORD
+from ....inspect.topics import TopicInfo
+from ....query.file import File
+from ....rows.encode import TIME_KEY
+from ....rows.table import Block
+from ... import per_topic
+from ...export_job import Counter, Job
+from ...topic_part import Selection
+from .. import write_passes
+from .layout import Layout
+
+SUFFIX = ".parquet"
+
+ABOUT_KEY = "ml_dash"
+"""In the file's metadata: JSON that says what the rows are and where they come from."""
+
+_GROUP_ROWS = 131072
+_GROUP_BYTES = 64 * 2**20
+"""A row group of larger values has fewer rows."""
+
+_SAID_OF_TOPIC = ("units", "joint_names", "quat_order", "frame_id")
+"""Keys of a topic's metadata that stand at the top of `ABOUT_KEY`."""
+
+
+def export(job: Job, *, flatten: bool = False) -> Path:
+    """Write one Parquet file a topic: zstd, row groups of 131,072 rows in time order.
+
+    The first column is `_ts`, the exact time stamp in s; the second one the same as `timestamp` (an instant in UTC) if
+    the clock shows wall-clock time, else as `timestamp_ns` (an integer). Vectors and matrices of one shape are lists
+    of fixed size, the matrices row by row, with their shape in the field's metadata; where rows are without one they
+    are lists of variable size, which all readers know nulls of. Nested dicts are structs. What no one type holds is
+    JSON text, and the field's metadata says so. Missing values are null.
+
+    Args:
+        job: What to export.
+        flatten: Make each element of a vector a column of its own, `q.0`, `q.1`, ..., and nested dicts columns with
+            dotted names, for tools that plot columns.
+    """
+    if not isinstance(flatten, bool):
+        raise UsageError(f"flatten={flatten!r}: pass True or False")
+
+    def put(selection: Selection, info: TopicInfo, path: Path, counter: Counter) -> None:
+        about = {**_about(job, info), "kind": info.kind, "flatten": flatten}
+        _write(selection, info, path, about, counter, flat=flatten)
+
+    return per_topic.write(job, SUFFIX, put)
+
+
+def _write(
+    selection: Selection, info: TopicInfo, path: Path, about: Mapping[str, Any], counter: Counter, *, flat: bool
+) -> None:
+    layout = Layout(info, flat=flat)
+    metadata = {ABOUT_KEY: _json(about)}
+
+    @contextlib.contextmanager
+    def begin() -> Iterator[Callable[[Block], None]]:
+        schema = layout.schema().with_metadata(metadata)
+        how: dict[str, Any] = {"use_dictionary": _texts(schema), "sorting_columns": [pq.SortingColumn(0)]}
+        with pq.ParquetWriter(path, schema, compression="zstd", write_page_checksum=True, **how) as writer:
+            groups = _Groups(writer)
+            table = layout.tables()
+            yield lambda block: groups.add(table(block))
+            groups.finish()
+
+    write_passes.write(selection.blocks, layout, begin, counter.add)
+
+
+class _Groups:
+    """Puts small tables together into row groups."""
+
+    def __init__(self, writer: pq.ParquetWriter) -> None:
+        self._writer = writer
+        self._waiting: list[pa.Table] = []
+        self._rows = 0
+        self._bytes = 0
+
+    def add(self, table: pa.Table) -> None:
+        room = _GROUP_ROWS - self._rows
+        while table.num_rows >= room:
+            self._take(table.slice(0, room))
+            self.finish()
+            table, room = table.slice(room), _GROUP_ROWS
+        if table.num_rows:
+            self._take(table)
+        if self._bytes >= _GROUP_BYTES:
+            self.finish()
+
+    def finish(self) -> None:
+        """Write what waits."""
+        if self._waiting:
+            whole = pa.concat_tables(self._waiting)
+            self._writer.write_table(whole, row_group_size=whole.num_rows)
+        self._waiting, self._rows, self._bytes = [], 0, 0
+
+    def _take(self, table: pa.Table) -> None:
+        self._waiting.append(table)
+        self._rows += table.num_rows
+        self._bytes += table.nbytes
+
+
+def _texts(fields: Iterable[pa.Field], parent: str = "") -> list[str]:
+    """Return the paths of text columns; dictionaries of numbers would cost time and make files larger."""
+    found: list[str] = []
+    for one in fields:
+        path, type_ = parent + one.name, one.type
+        while pa.types.is_list(type_):
+            path, type_ = f"{path}.list.element", type_.value_type
+        if pa.types.is_struct(type_):
+            found += _texts([type_.field(at) for at in range(type_.num_fields)], path + ".")
+        elif pa.types.is_string(type_):
+            found.append(path)
+    return found
+
+
+def _about(job: Job, info: TopicInfo) -> dict[str, Any]:
+    said = {key: info.metadata[key] for key in _SAID_OF_TOPIC if key in info.metadata}
+    return {
+        "topic": info.name,
+        "time": TIME_KEY,
+        **said,
+        "schema": info.schema,
+        "schema_name": info.schema_name,
+        "encoding": info.encoding,
+        "description": info.description,
+        "tags": info.tags,
+        "metadata": {key: value for key, value in info.metadata.items() if key not in said},
+        "run": job.about,
+        "source": _source(job.files[-1]) if job.files else {},
+    }
+
+
+def _json(about: Mapping[str, Any]) -> bytes:
+    try:
+        return orjson.dumps(about)
+    except TypeError:  # a foreign recording's parameter needs more than 64 bits
+        return json.dumps(about).encode()
+
+
+def _source(file: File) -> dict[str, str]:
+    """Return what a file says about who recorded it; a foreign one says nothing."""
+    found = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
+    return {key: found[key] for key in ("prefix", "run", "host", "library") if key in found}

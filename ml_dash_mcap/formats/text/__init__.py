@@ -1,0 +1,1 @@
+"""Text files of any tool: their encoding, their dialect, their first lines, and their numbers."""

@@ -1,0 +1,85 @@
+"""Clocks that began again: how often, and how many rows were merged with rows of an earlier pass over their times."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import DamagedFileError
+from ..file_names import STEPS_RECORD
+from ..query.file import File
+from . import writing_order
+
+Times = npt.NDArray[np.uint64]
+
+
+@dataclass(frozen=True, slots=True)
+class Counted:
+    """What a recorder counted of one topic while it wrote: its file does not show it, for these rows are merged."""
+
+    steps: int = 0
+    """How often a row's time lay before that of the row appended before it."""
+    by_ns: int = 0
+    """How far at most."""
+    merged: int = 0
+    """Rows that were merged with one of the same time from before such a step."""
+    overwritten: int = 0
+    """Those among them that brought fields which the earlier row had too."""
+
+    def __add__(self, other: Counted) -> Counted:
+        """Return both together."""
+        return Counted(
+            self.steps + other.steps,
+            max(self.by_ns, other.by_ns),
+            self.merged + other.merged,
+            self.overwritten + other.overwritten,
+        )
+
+
+def counted(files: Sequence[File]) -> dict[tuple[str, str], Counted]:
+    """Return what recorders counted, by recorder and topic; what is said of a block twice counts once."""
+    blocks: dict[tuple[str, str], Mapping[str, Any]] = {}
+    for file in files:
+        try:
+            if not any(entry.name == STEPS_RECORD for entry in file.glance.metadata):
+                continue
+            run = writing_order.run_of(file) or file.source.name
+            for record in file.metadata():
+                if record.name == STEPS_RECORD:
+                    blocks[run, record.values.get("block", "")] = _topics(record.values.get("topics", ""))
+        except DamagedFileError:  # the damage is told
+            continue
+    found: dict[tuple[str, str], Counted] = {}
+    for (run, _), topics in blocks.items():
+        for topic, values in topics.items():
+            found[run, topic] = found.get((run, topic), Counted()) + _counted(values)
+    return found
+
+
+def _topics(text: str) -> Mapping[str, Any]:
+    try:
+        topics = json.loads(text)
+    except (ValueError, RecursionError):
+        return {}
+    return topics if isinstance(topics, dict) else {}
+
+
+def _counted(values: Any) -> Counted:
+    values = values if isinstance(values, dict) else {}
+    numbers = [values.get(name) for name in ("steps_back", "by_ns", "merged", "overwritten")]
+    return Counted(*(number if type(number) is int and number >= 0 else 0 for number in numbers))
+
+
+def shared_within(times_ns: Times) -> int:
+    """Return how many rows of one recorder are at a time that a row in an earlier block has."""
+    return len(times_ns) - len(np.unique(times_ns))
+
+
+def shared_with(times_ns: Times, earlier: Sequence[Times]) -> int:
+    """Return how many times of a recorder those before it have too."""
+    return int(np.isin(np.unique(times_ns), np.concatenate(earlier)).sum())

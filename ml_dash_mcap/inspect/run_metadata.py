@@ -1,0 +1,57 @@
+"""What metadata records and statistics say of a whole recording: its run, its parameters, its times."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import orjson
+
+from ..file_names import ABOUT_RECORD, PARAMETERS_RECORD, RUN_RECORD
+from ..query.file import File
+
+
+def metadata(files: Sequence[File]) -> list[tuple[str, dict[str, str]]]:
+    """Return all metadata records, name and values, in the order of writing."""
+    return [(record.name, dict(record.values)) for file in files for record in file.metadata()]
+
+
+def run(files: Sequence[File]) -> dict[str, str]:
+    """Return what is known about the run: what was said last counts."""
+    merged: dict[str, str] = {}
+    for file in files:
+        if any(entry.name == RUN_RECORD for entry in file.glance.metadata):
+            for record in file.metadata():
+                if record.name == RUN_RECORD:
+                    merged.update(record.values)
+    return merged
+
+
+def parameters(files: Sequence[File]) -> dict[str, Any]:
+    """Return the parameters by dotted name: what was set last counts."""
+    found: dict[str, Any] = {}
+    for name, values in metadata(files):
+        if name == ABOUT_RECORD:  # each segment repeats what was set before it
+            repeated = _from_json(values.get("parameters", "{}"))
+            found.update(repeated if isinstance(repeated, dict) else {})
+        elif name == PARAMETERS_RECORD:
+            found.update({name: _from_json(text) for name, text in values.items()})
+    return found
+
+
+def spans(files: Sequence[File]) -> list[tuple[int, int]]:
+    """Return the first and last log time, in ns, of each file that has messages."""
+    return [span for span in (file.span() for file in files) if span is not None]
+
+
+def _from_json(text: str) -> Any:
+    """Return the value of a parameter's text, which is JSON or a literal such as NaN; what is neither stays text."""
+    try:
+        return orjson.loads(text)
+    except orjson.JSONDecodeError:
+        pass
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return text

@@ -1,0 +1,135 @@
+"""A topic at a glance, without reading its rows."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import orjson
+
+from ..errors import DamagedFileError, EncodingError
+from ..file_names import TOPIC_RECORD
+from ..query import counts, topic_rows
+from ..query.file import File
+from ..rows.dotted import flatten
+from ..rows.encode import TIME_KEY
+from . import field_shapes, topic_schema
+from .field_shapes import Field
+
+_DESCRIBING = ("description", "tags", "metadata")
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """A topic at a glance."""
+
+    name: str
+    kind: str | None
+    """"track", "log", "metric", "file" or "episode"; None in files that others wrote."""
+    count: int
+    """Rows, after merging those of one time stamp."""
+    start: float | None
+    """Time stamp of the first row, in s; None without rows."""
+    end: float | None
+    """Time stamp of the last row, in s; None without rows."""
+    fields: Mapping[str, Field] = field(default_factory=dict)
+    """Dotted field name to its type and shape, as the schema has it, or else as the first row has it."""
+    schema: Mapping[str, Any] = field(default_factory=dict)
+    """The JSON Schema, merged over all segments; empty for other schema encodings."""
+    encoding: str = "json"
+    """How its messages are encoded."""
+    schema_name: str = ""
+    """What its messages are called, such as "sensor_msgs/msg/JointState"; the topic's name in our own recordings."""
+    description: str | None = None
+    tags: tuple[str, ...] = ()
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    _measure: Callable[[], int] = field(default=int, repr=False, compare=False)
+
+    @property
+    def bytes(self) -> int:
+        """How many bytes its messages take, uncompressed. Summed up from the message indexes when asked for."""
+        return self._measure()
+
+    @property
+    def duration(self) -> float:
+        """From the first row to the last, in s."""
+        return 0.0 if self.start is None or self.end is None else self.end - self.start
+
+    @property
+    def rate(self) -> float:
+        """Rows a second between the first and the last; 0.0 where that is undefined."""
+        return (self.count - 1) / self.duration if self.duration > 0 else 0.0
+
+
+def describe(files: Sequence[File], topic: str) -> tuple[str | None, tuple[str, ...], dict[str, Any]]:
+    """Return a topic's description, tags and metadata: what was said last counts."""
+    said: dict[str, str] = {}
+    for _, channel in counts.channels(files, topic):
+        said.update({key: text for key, text in channel.metadata.items() if key in _DESCRIBING})
+    for file in files:
+        if not any(entry.name == TOPIC_RECORD for entry in file.glance.metadata):
+            continue
+        for record in file.metadata():
+            if record.name == TOPIC_RECORD and record.values.get("topic") == topic:
+                said.update({key: text for key, text in record.values.items() if key in _DESCRIBING})
+    tags = _loads(said.get("tags", "[]"), [])
+    metadata = _loads(said.get("metadata", "{}"), {})
+    return (
+        said.get("description"),
+        tuple(str(tag) for tag in tags) if isinstance(tags, list) else (),
+        metadata if isinstance(metadata, dict) else {},
+    )
+
+
+def info(files: Sequence[File], topic: str) -> TopicInfo:
+    """Sum up a topic."""
+    description, tags, metadata = describe(files, topic)
+    found = counts.channels(files, topic)
+    merged = topic_schema.read(found)
+    start, end = counts.time_range(files, topic)
+    described = found[-1][0].index.schema_of(found[-1][1]) if found else None
+    return TopicInfo(
+        name=topic,
+        kind=counts.kind(files, topic),
+        count=counts.count(files, topic),
+        start=start,
+        end=end,
+        fields=_fields(files, topic, merged, start),
+        schema=merged,
+        encoding=found[-1][1].message_encoding if found else "json",
+        schema_name=described.name if described is not None else "",
+        description=description,
+        tags=tags,
+        metadata=metadata,
+        _measure=functools.cache(lambda: counts.payload_bytes(files, topic)),
+    )
+
+
+def _fields(files: Sequence[File], topic: str, schema: Mapping[str, Any], start: float | None) -> dict[str, Field]:
+    fields = topic_schema.fields(schema)
+    if start is None:
+        return fields
+    try:
+        first = next(topic_rows.read(files, topic, start, start), None)
+    except (EncodingError, DamagedFileError):  # whoever reads the rows is told
+        return fields
+    is_inferred = bool(fields) and counts.kind(files, topic) is not None
+    for name, value in flatten(first, TIME_KEY).items() if first is not None else ():
+        if name != TIME_KEY and value is not None:
+            differs = is_inferred and not _is_nested(value)  # from row to row, if the schema leaves it out
+            fields.setdefault(name, Field("any") if differs else field_shapes.of_value(value))
+    return fields
+
+
+def _is_nested(value: Any) -> bool:
+    """Whether it is a list of lists or dicts, or an empty one: what an inferred schema cannot say."""
+    return isinstance(value, list) and all(isinstance(element, (list, dict)) for element in value)
+
+
+def _loads(text: str | bytes, default: Any) -> Any:
+    try:
+        return orjson.loads(text)
+    except orjson.JSONDecodeError:
+        return default

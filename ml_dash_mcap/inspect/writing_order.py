@@ -1,0 +1,168 @@
+"""Topics' times and sequence numbers in the order of writing."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import DamagedFileError
+from ..file_names import ABOUT_RECORD, KIND_KEY, TRACK
+from ..mcap import chunk_table
+from ..mcap.chunk_reader import Contents, Messages
+from ..mcap.file_index import replanned
+from ..mcap.records import Chunk
+from ..query import topic_rows, true_records
+from ..query.file import File
+from ..rows import read_ahead
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """The messages of one topic that one recorder wrote, in the order of writing."""
+
+    run: str
+    """Names the recorder: what its segments say, or else the file's path."""
+    is_ours: bool
+    """Whether the recorder was one of this library, which numbers a topic's rows one by one."""
+    merges: bool
+    """Whether its rows of one time are one row when they are read."""
+    times_ns: npt.NDArray[np.uint64]
+    """Log times, [N]."""
+    sequences: npt.NDArray[np.uint32]
+    """[N]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """Messages of one topic in one chunk."""
+
+    topic: str
+    merges: bool
+    times_ns: npt.NDArray[np.uint64]
+    sequences: npt.NDArray[np.uint32]
+
+
+class _Times(NamedTuple):
+    """Of the messages of one channel in one chunk: where they lie in it, log times (ns), sequence numbers, [N] each."""
+
+    offsets: npt.NDArray[np.int64]
+    times_ns: npt.NDArray[np.uint64]
+    sequences: npt.NDArray[np.uint32]
+
+
+def read(
+    files: Sequence[File], topics: Collection[str], damage: list[DamagedFileError], *, has_all: bool
+) -> dict[str, list[Written]]:
+    """Read every chunk that holds one of some topics, and verify its checksum; no payload is decoded.
+
+    Args:
+        files: In the order of writing.
+        topics: Their names.
+        damage: Gets what is broken, which the result leaves out.
+        has_all: Whether to read all other chunks too, and hold all that the indexes and statistics say against them.
+
+    Returns:
+        By topic, what each recorder wrote, in the order of the recorders' first files.
+    """
+    by_run: dict[tuple[str, str, bool], list[_Part]] = {}
+    for file in files:
+        run = run_of(file)
+        for part in (_parts_of_all if has_all else _parts)(file, topics, damage):
+            by_run.setdefault((part.topic, run or file.source.name, run is not None), []).append(part)
+    found: dict[str, list[Written]] = {topic: [] for topic in topics}
+    for (topic, name, is_ours), parts in by_run.items():
+        times = np.concatenate([part.times_ns for part in parts])
+        merges = is_ours and all(part.merges for part in parts)
+        sequences = np.concatenate([part.sequences for part in parts])
+        found[topic].append(Written(name, is_ours, merges, times, sequences))
+    return found
+
+
+def run_of(file: File) -> str | None:
+    """Return what names the recorder of this library that wrote a file; None for other tools' files."""
+    try:
+        return next((one.values.get("run") for one in file.metadata() if one.name == ABOUT_RECORD), None)
+    except DamagedFileError:  # whoever reads the metadata is told
+        return None
+
+
+@replanned
+def _parts(file: File, topics: Collection[str], damage: list[DamagedFileError]) -> list[_Part]:
+    """Return the messages of some topics in a file, chunk by chunk."""
+    try:
+        index = file.index
+    except DamagedFileError as error:
+        damage.append(error)
+        return []
+    wanted = {id_: channel.topic for id_, channel in index.channels.items() if channel.topic in topics}
+
+    def do(chunk: Chunk) -> list[_Part] | DamagedFileError:
+        try:
+            return _parts_of(file, chunk, wanted)
+        except DamagedFileError as error:
+            return error
+
+    found: list[_Part] = []
+    chunks = (chunk for _, chunk in chunk_table.holding(index.chunks, wanted, 0, topic_rows.LAST_NS))
+    for parts in read_ahead.in_order(do, chunks, weigh=lambda chunk: chunk.uncompressed_size):
+        if isinstance(parts, DamagedFileError):
+            damage.append(parts)
+        else:
+            found += parts
+    return found
+
+
+def _parts_of_all(file: File, topics: Collection[str], damage: list[DamagedFileError]) -> list[_Part]:
+    """Do the same as `_parts`, and audit the file."""
+    try:
+        found = true_records.audit(file, lambda chunk, contents: _times(contents))
+    except DamagedFileError as error:
+        damage.append(error)
+        return []
+    parts: list[_Part] = []
+    for one in found:
+        if isinstance(one, DamagedFileError):
+            damage.append(one)
+            continue
+        by_topic: dict[str, list[_Times]] = {}
+        merges: dict[str, bool] = {}
+        for channel_id, times in one.items():
+            channel = file.index.channels.get(channel_id)
+            if channel is not None and channel.topic in topics:
+                by_topic.setdefault(channel.topic, []).append(times)
+                is_track = channel.metadata.get(KIND_KEY) == TRACK
+                merges[channel.topic] = is_track and merges.get(channel.topic, True)
+        parts += [_joined(topic, merges[topic], same) for topic, same in by_topic.items()]
+    return parts
+
+
+def _times(contents: Contents) -> dict[int, _Times]:
+    return {
+        channel_id: _Times(found.offsets, found.times_ns, found.sequences)
+        for channel_id, found in contents.messages.items()
+        if len(found)
+    }
+
+
+def _parts_of(file: File, chunk: Chunk, wanted: Mapping[int, str]) -> list[_Part]:
+    ids = [id_ for id_ in wanted if not chunk.indexed or id_ in chunk.message_index_offsets]
+    span = file.read_span(chunk.offset, chunk.length + chunk.message_index_length)
+    cuts = file.cut(chunk, ids, 0, topic_rows.LAST_NS, span)
+    by_topic: dict[str, list[Messages]] = {}
+    for one in cuts:
+        by_topic.setdefault(wanted[one.channel_id], []).append(one)
+    channels = file.index.channels
+    return [
+        _joined(topic, all(channels[one.channel_id].metadata.get(KIND_KEY) == TRACK for one in same), same)
+        for topic, same in by_topic.items()
+    ]
+
+
+def _joined(topic: str, merges: bool, cuts: Sequence[Messages] | Sequence[_Times]) -> _Part:
+    order = np.argsort(np.concatenate([one.offsets for one in cuts]))
+    times = np.concatenate([one.times_ns for one in cuts])
+    return _Part(topic, merges, times[order], np.concatenate([one.sequences for one in cuts])[order])

@@ -1,0 +1,224 @@
+"""What lies in the chunks of one file: their records, and where the messages of a channel are among them."""
+
+from __future__ import annotations
+
+import threading
+from bisect import bisect_right
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from ..errors import DamagedFileError
+from ..store.file_source import Source
+from . import chunk_reader as chunks
+from . import over_limits, records
+from .limits import Limits
+from .losses import Loss, Losses
+from .record_fields import Bytes, Fields
+from .records import Chunk, MessageIndex, Opcode
+
+_KEPT_CHUNKS = 4
+_KEPT_BYTES = 32 * 1024 * 1024
+"""Unpacked chunks that are kept for the next reader: so many at most, and no more bytes than this."""
+
+_HEAD_BYTES = 4096
+
+
+_Key = tuple[int, int]
+
+
+class Unpacking:
+    """Unpacks chunks and finds messages in them. Any thread may call it."""
+
+    def __init__(
+        self, source: Source, limits: Limits, losses: Losses, topic_of: Callable[[int], str] | None = None
+    ) -> None:
+        """Begin with nothing unpacked.
+
+        Args:
+            source: The file.
+            limits: For what is unpacked.
+            losses: Gets what a chunk's index says wrongly, and what is left out.
+            topic_of: Names the topic of a channel, where messages that are over the limits are to be left out of their
+                chunk; None refuses the chunk.
+        """
+        self._topic_of = topic_of
+        self._partial: set[_Key] = set()
+        """The chunks of which messages were left out."""
+        self._losses = losses
+        self._source = source
+        self._limits = limits
+        self._kept_lock = threading.Lock()
+        """Guards `_kept` and `_scanned`."""
+        self._kept: OrderedDict[_Key, bytes] = OrderedDict()
+        self._scanned: dict[_Key, Mapping[int, MessageIndex]] = {}
+        """What walking the records of those that are kept brought to light."""
+        self._edges: tuple[Chunk | None, list[int]] = (None, [])
+        """Of the chunk that was asked for last, where its message indexes start, sorted."""
+
+    def read(self, offset: int, length: int) -> bytes:
+        """Read the bytes of chunks that lie together; none if one is longer than any that would be unpacked."""
+        return self._source.read(offset, length) if length <= self._longest else b""
+
+    @property
+    def _longest(self) -> int:
+        return self._limits.chunk_bytes + self._limits.record_bytes
+
+    def records(self, chunk: Chunk, record: Bytes | None = None) -> bytes:
+        """Return a chunk's records, uncompressed and checked; the last few are kept.
+
+        Args:
+            chunk: Which one.
+            record: Its bytes, if they have been read already.
+
+        Raises:
+            DamagedFileError: They are not what they should be.
+        """
+        with self._kept_lock:
+            kept = self._kept.get(_key(chunk))
+        if kept is not None:
+            return kept
+        try:
+            data = self._unpacked(chunk, record)
+        except chunks.LimitError as error:
+            if self._topic_of is None or chunk.compression == records.LOOSE:
+                raise
+            data = self._around(chunk, error, self._topic_of)
+        with self._kept_lock:
+            self._kept[_key(chunk)] = data
+            while len(self._kept) > _KEPT_CHUNKS or sum(map(len, self._kept.values())) > _KEPT_BYTES:
+                self._scanned.pop(self._kept.popitem(last=False)[0], None)
+        return data
+
+    def _unpacked(self, chunk: Chunk, record: Bytes | None) -> bytes:
+        name = self._source.name
+        if record is None:
+            chunks.check_size(chunk, name, self._limits)
+            record = self._source.read(chunk.offset, chunk.length)
+        return chunks.unpack(
+            record, chunk, name, self._limits, lambda what: self._losses.note(name, chunk.offset, what)
+        )
+
+    def _around(self, chunk: Chunk, error: chunks.LimitError, topic_of: Callable[[int], str]) -> bytes:
+        """Return the records of a chunk that is over the limits, but for the messages that do not fit."""
+        name = self._source.name
+        rest = over_limits.read(self._source, chunk, self._limits)
+        scanned = chunks.scan(rest.data, chunk, name)
+        count: int | None = sum(rest.lost.values())
+        if not rest.is_whole:
+            known = self._announced(chunk)
+            count = None if known is None else max(known - sum(scanned.counts.values()), count or 0)
+        if rest.is_whole and not count:
+            self._losses.note(name, chunk.offset, f"the chunk's index says {error.what}, but it is not that large")
+            return rest.data
+        own = {number: channel.topic for number, channel in scanned.channels.items()}
+        topics = {own.get(number) or topic_of(number): lost for number, lost in rest.lost.items()}
+        parts = [f"{lost} of {topic!r}" for topic, lost in topics.items()]
+        parts += [] if rest.is_whole else ["all that lies behind what may be unpacked of it"]
+        what = f"messages that do not fit into the limits: {', '.join(parts)}; {error.what}"
+        with self._kept_lock:
+            self._partial.add(_key(chunk))
+        self._losses.add((chunk.offset, "limits"), Loss(Path(name), chunk.offset, what, count))
+        return rest.data
+
+    def _announced(self, chunk: Chunk) -> int | None:
+        """Return how many messages a chunk has by the indexes behind it; None where they do not say."""
+        if not chunk.indexed or not chunk.message_index_offsets:
+            return None
+        try:
+            return sum(len(self.index(chunk, one).offsets) for one in chunk.message_index_offsets)
+        except DamagedFileError:
+            return None
+
+    def is_partial(self, chunk: Chunk) -> bool:
+        """Whether messages were left out of a chunk when it was unpacked, so that its stored indexes do not fit."""
+        return bool(self._partial) and _key(chunk) in self._partial
+
+    def is_over(self, chunk: Chunk) -> bool:
+        """Whether messages may have to be left out of a chunk, as far as is known before it is unpacked."""
+        if self._topic_of is None or chunk.compression == records.LOOSE:
+            return False
+        try:
+            chunks.check_size(chunk, self._source.name, self._limits)
+        except chunks.LimitError:
+            return True
+        return self.is_partial(chunk)
+
+    def scan(self, chunk: Chunk) -> Mapping[int, MessageIndex]:
+        """Return where each channel's messages lie in a chunk by walking its own records.
+
+        Raises:
+            DamagedFileError: They are not what they should be.
+        """
+        with self._kept_lock:
+            found = self._scanned.get(_key(chunk))
+        if found is None:
+            found = chunks.scan(self.records(chunk), chunk, self._source.name).indexes
+            with self._kept_lock:
+                if _key(chunk) in self._kept:
+                    self._scanned[_key(chunk)] = found
+        return found
+
+    def forget(self) -> None:
+        """Let go of what was unpacked: the file was rewritten."""
+        with self._kept_lock:
+            self._kept.clear()
+            self._partial.clear()
+            self._scanned.clear()
+
+    def index(self, chunk: Chunk, channel_id: int, span: Bytes | None = None, at: int = 0) -> MessageIndex:
+        """Read the index of one channel's messages that is stored behind a chunk.
+
+        Args:
+            chunk: Which one; it has indexes of all its channels.
+            channel_id: Of the channel.
+            span: Bytes of the file that cover the chunk and its indexes, if they have been read already.
+            at: Where in the file `span` starts, in bytes.
+
+        Raises:
+            DamagedFileError: There is none where it should be.
+        """
+        offset = chunk.message_index_offsets.get(channel_id)
+        if offset is None:
+            return chunks.no_messages(channel_id)
+        room = self._room(chunk, offset)
+        name = self._source.name
+        if span is None:
+            span, at = self._read_record(offset, room), offset
+        start = offset - at + records.PREFIX_BYTES
+        opcode, length = records.prefix(span, offset - at) if start <= len(span) else (0, 0)
+        if opcode != Opcode.MESSAGE_INDEX or length > room - records.PREFIX_BYTES:
+            raise DamagedFileError(name, offset, "the index says that a message index starts here, but none does")
+        fields = Fields(span, name, at, start, min(start + length, len(span)))
+        found = records.message_index(fields)
+        if found.channel_id != channel_id:
+            raise DamagedFileError(name, offset, f"a message index of channel {found.channel_id}, not {channel_id}")
+        if start + length - fields.at >= records.ENTRY_BYTES:  # fields of a later version, or entries that are hidden
+            true = self.scan(chunk).get(channel_id)
+            if true is None or len(true.offsets) != len(found.offsets):
+                raise DamagedFileError(name, offset, "a message index whose length contradicts itself")
+        return found
+
+    def _room(self, chunk: Chunk, offset: int) -> int:
+        """Return how long a message index can be at most: none reaches into the next one."""
+        known, edges = self._edges
+        if known is not chunk:
+            edges = sorted(chunk.message_index_offsets.values())
+            self._edges = (chunk, edges)
+        after = bisect_right(edges, offset)
+        return (edges[after] if after < len(edges) else chunk.end + chunk.message_index_length) - offset
+
+    def _read_record(self, offset: int, room: int) -> bytes:
+        """Read the record that starts at `offset`; `room` bytes are the most that it can have."""
+        head = self._source.read(offset, min(room, _HEAD_BYTES))
+        if len(head) < records.PREFIX_BYTES:
+            raise DamagedFileError(self._source.name, offset, "the file ends where a record should start")
+        total = records.PREFIX_BYTES + records.prefix(head, 0)[1]
+        if total <= len(head) or total > min(room, self._limits.record_bytes):
+            return head
+        return head + self._source.read(offset + len(head), total - len(head))
+
+
+def _key(chunk: Chunk) -> _Key:
+    """Return what tells a chunk from others; messages outside of chunks are taken together, and grow."""
+    return chunk.offset, chunk.length

@@ -1,0 +1,139 @@
+"""The index of a file: by its summary if it is finished, else by walking over its records."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from ..errors import DamagedFileError
+from ..store.file_source import Source
+from . import file_index, records, scan, summary, trailing_bytes
+from .file_index import FileIndex, Glance
+from .limits import Limits
+from .losses import Loss
+from .record_fields import Fields
+from .records import Header, Opcode
+
+_HEAD_BYTES = 4096
+_MOST_HEADER_BYTES = 1024 * 1024
+
+
+def glance(source: Source, limits: Limits, *, is_new: bool) -> Glance | None:
+    """Look at a long file without reading where its chunks are; None for any other file.
+
+    The arguments and errors are those of `load`.
+    """
+    size = source.size()
+    started = _start(source, size, is_new)
+    found = None if started is None else summary.footer(source, size)
+    if started is None or found is None:
+        return None
+    try:
+        header = records.header(started)
+    except DamagedFileError:
+        return None
+    return summary.glance(source, size, header, found, limits)
+
+
+def load(
+    source: Source,
+    limits: Limits,
+    *,
+    is_new: bool = False,
+    salvages: bool = False,
+    previous: FileIndex | None = None,
+) -> FileIndex:
+    """Index a file.
+
+    Args:
+        source: The file.
+        limits: For what is read.
+        is_new: Whether it is in progress: it may still be without its magic and header, and ends anywhere.
+        salvages: Whether to step over what is damaged, and count it as lost, rather than to refuse the file.
+        previous: What an earlier call found, to go on from if the file is still not finished.
+
+    Raises:
+        DamagedFileError: It is no MCAP file, or a finished one that is broken.
+    """
+    size = source.size()
+    started = _start(source, size, is_new)
+    if started is None:
+        return file_index.empty(source.name)
+    header, losses = _header(started, source.name, salvages)
+    how = partial(scan.Walk, source, header=header, limits=limits, is_new=is_new, salvages=salvages)
+    found = _indexed(how(size), started.end, previous)
+    if isinstance(found, int):  # the file ends there, before its last byte
+        losses = (*losses, trailing_bytes.look(source, found, size))
+        found = _indexed(how(found), started.end, None)
+        assert not isinstance(found, int)
+    return replace(found, losses=(*losses, *found.losses))
+
+
+def by_walking(source: Source, limits: Limits, known: FileIndex) -> FileIndex:
+    """Index a finished file by its records alone, whatever its summary says; what is damaged is stepped over.
+
+    Args:
+        source: The file.
+        limits: For what is read.
+        known: What is known of it.
+    """
+    started = _start(source, known.size, is_new=False)
+    found = summary.footer(source, known.size)
+    if started is None or found is None:
+        return known
+    how = scan.Walk(source, known.size, known.header, limits, salvages=True)
+    return how.finished(started.end, summary.clues(source, known.size, found, limits))
+
+
+def _header(content: Fields, path: str, salvages: bool) -> tuple[Header, tuple[Loss, ...]]:
+    """Return a file's header, and what is lost of it: what only it says matters to nobody."""
+    try:
+        return records.header(content), ()
+    except DamagedFileError as error:
+        if not salvages:
+            raise
+        return Header("", ""), (Loss(Path(path), error.offset, f"the file's header: {error.what}", 0),)
+
+
+def _indexed(how: scan.Walk, first: int, previous: FileIndex | None) -> FileIndex | int:
+    """Return the index of a file, or where it ends, if bytes lie behind its end."""
+    source, size, limits = how.source, how.size, how.limits
+    found = summary.footer(source, size)
+    if found is None:
+        is_next = previous is not None and first <= previous.end <= size
+        walked = how.unfinished(first, previous if is_next else None)
+    else:
+        try:
+            by_summary = summary.read(source, size, how.header, found, limits)
+        except DamagedFileError:
+            by_summary = None
+        if by_summary is not None:
+            return by_summary
+        clues = summary.clues(source, size, found, limits)
+        walked = how.finished(first, clues if how.salvages else None)
+        if not clues.agree_with(walked) and not walked.losses:
+            walked = replace(walked, doubtful=True)
+    return walked if how.end is None or how.end == size else how.end
+
+
+def _start(source: Source, size: int, is_new: bool) -> Fields | None:
+    """Return the content of a file's header; None while it has none."""
+    head = source.read(0, min(size, _HEAD_BYTES))
+    magic = head[: len(records.MAGIC)]
+    if is_new and records.MAGIC.startswith(magic) and len(head) < len(records.MAGIC) + records.PREFIX_BYTES:
+        return None
+    if not head:
+        raise DamagedFileError(source.name, 0, "the file is empty")
+    if magic != records.MAGIC:
+        raise DamagedFileError(source.name, 0, f"this is no MCAP file: it starts with {magic!r}")
+    at = len(records.MAGIC)
+    opcode, length = records.prefix(head, at) if len(head) >= at + records.PREFIX_BYTES else (0, 0)
+    end = at + records.PREFIX_BYTES + length
+    if opcode == Opcode.HEADER and len(head) < end <= min(size, _MOST_HEADER_BYTES):
+        head = source.read(0, end)
+    if opcode != Opcode.HEADER or end > len(head):
+        if is_new and end > size:
+            return None
+        raise DamagedFileError(source.name, at, "an MCAP file without a header")
+    return Fields(head, source.name, 0, at + records.PREFIX_BYTES, end)

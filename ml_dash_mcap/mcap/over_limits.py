@@ -1,0 +1,193 @@
+"""What is left of a chunk that is over the limits: its records as a stream, without those that take too much memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from zlib import crc32
+
+from ..errors import DamagedFileError
+from ..store.file_source import Source
+from . import records
+from .chunk_reader import MESSAGE_HEAD
+from .limits import MIB, Limits, of_file
+from .record_fields import Fields
+from .records import Chunk, ChunkHead, Opcode
+
+_PIECE = MIB
+MOST_BYTES = 256 * MIB
+"""Of a chunk that is compressed by more than `Limits.ratio`, so many uncompressed bytes are looked at."""
+MOST_RECORDS = 500_000
+"""Of such a chunk, so many records are looked at: the smallest ones cost the most time for their bytes."""
+_MOST_WINDOW = 64 * MIB
+_KEPT = frozenset((Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE))
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """What is left of a chunk."""
+
+    data: bytes
+    """Its schemas, channels and messages that fit."""
+    lost: Mapping[int, int]
+    """Channel to how many messages do not fit."""
+    is_whole: bool
+    """Whether it was looked at up to its end, and so its checksum verified."""
+
+
+def read(source: Source, chunk: Chunk, limits: Limits) -> Rest:
+    """Read what fits of a chunk that is over the limits.
+
+    Args:
+        source: The file.
+        chunk: Which one.
+        limits: What fits: together and each no more than `any_ratio_bytes`, and no more than `chunk_bytes`.
+
+    Raises:
+        DamagedFileError: It is damaged besides.
+    """
+    name = source.name
+    front = source.read(chunk.offset, min(chunk.length, records.PREFIX_BYTES + records.CHUNK_HEAD_BYTES))
+    opcode, length = records.prefix(front, 0) if len(front) >= records.PREFIX_BYTES else (0, 0)
+    if opcode != Opcode.CHUNK or length != chunk.length - records.PREFIX_BYTES:
+        raise DamagedFileError(name, chunk.offset, "the index says that a chunk starts here, but none does")
+    fields = Fields(front, name, chunk.offset, records.PREFIX_BYTES)
+    head = records.chunk_head(fields)
+    if fields.at + head.records_length > chunk.length:
+        raise DamagedFileError(name, chunk.offset, "a chunk whose content is longer than its record")
+    most = max(MOST_BYTES, limits.ratio * head.records_length)
+    try:
+        stream = _Stream(_pieces(source, chunk.offset + fields.at, head), min(most, head.uncompressed_size + 1))
+        rest = _walk(stream, min(of_file(limits, 0).any_ratio_bytes or 0, limits.chunk_bytes))
+    except DamagedFileError as error:
+        raise DamagedFileError(name, chunk.offset, error.what) from error
+    except Exception as error:  # each decompressor has its own error types, some of them plain RuntimeErrors
+        raise DamagedFileError(name, chunk.offset, f"a chunk that cannot be uncompressed: {error}") from error
+    if rest.is_whole and stream.size != head.uncompressed_size:
+        what = f"a chunk of {stream.size} bytes that announces {head.uncompressed_size} bytes"
+        raise DamagedFileError(name, chunk.offset, what)
+    if rest.is_whole and head.uncompressed_crc and stream.crc != head.uncompressed_crc:
+        raise DamagedFileError(name, chunk.offset, "a chunk whose checksum (CRC-32) does not match its content")
+    return rest
+
+
+def _walk(stream: _Stream, room: int) -> Rest:
+    """Keep the records that fit into `room` bytes, in the order in which they lie."""
+    kept = bytearray()
+    lost: dict[int, int] = {}
+    for _ in range(MOST_RECORDS):
+        start = stream.take(records.PREFIX_BYTES)
+        if len(start) < records.PREFIX_BYTES:
+            return Rest(bytes(kept), lost, stream.is_at_end and not start)
+        opcode, length = records.prefix(start, 0)
+        if opcode == 0:  # "0x00 is not a valid opcode"
+            raise DamagedFileError("", 0, "a chunk with damaged records (one with the opcode 0)")
+        if opcode in _KEPT and len(kept) + len(start) + length <= room:
+            body = stream.take(length)
+            if len(body) < length:
+                return Rest(bytes(kept), lost, is_whole=False)
+            kept += start
+            kept += body
+            continue
+        if opcode == Opcode.MESSAGE:
+            if length < MESSAGE_HEAD.itemsize - records.PREFIX_BYTES:
+                raise DamagedFileError("", 0, "a chunk with damaged records (a message that is shorter than any)")
+            channel_id = int.from_bytes(stream.take(2), "little")
+            lost[channel_id] = lost.get(channel_id, 0) + 1
+            length -= 2
+        if not stream.skip(length):
+            return Rest(bytes(kept), lost, is_whole=False)
+    return Rest(bytes(kept), lost, is_whole=False)
+
+
+class _Stream:
+    """Uncompressed bytes, of which little is in memory at a time."""
+
+    def __init__(self, pieces: Iterator[bytes], most: int) -> None:
+        """Begin at the start of the bytes that `pieces` yields, of which `most` are looked at."""
+        self._pieces = pieces
+        self._most = most
+        self._piece = b""
+        self._at = 0
+        self.size = 0
+        """How many bytes came out so far."""
+        self.crc = 0
+        """Their CRC-32."""
+        self.is_at_end = False
+        """Whether there are no more."""
+
+    def _next(self) -> bool:
+        piece = next(self._pieces, b"") if self.size < self._most else None
+        self.is_at_end = piece == b""
+        if not piece:
+            return False
+        self._piece, self._at = piece, 0
+        self.size += len(piece)
+        self.crc = crc32(piece, self.crc)
+        return True
+
+    def take(self, length: int) -> bytes:
+        """Return the next bytes; fewer where they end."""
+        if self._at + length <= len(self._piece):
+            self._at += length
+            return self._piece[self._at - length : self._at]
+        parts = []
+        while length:
+            part = self._piece[self._at : self._at + length]
+            self._at += len(part)
+            length -= len(part)
+            parts.append(part)
+            if length and not self._next():
+                break
+        return b"".join(parts)
+
+    def skip(self, length: int) -> bool:
+        """Pass over bytes; returns whether there were so many."""
+        while length > len(self._piece) - self._at:
+            length -= len(self._piece) - self._at
+            self._at = len(self._piece)
+            if not self._next():
+                return False
+        self._at += length
+        return True
+
+
+class _Packed:
+    """The compressed bytes of a chunk, as a file."""
+
+    def __init__(self, source: Source, at: int, length: int) -> None:
+        self._source, self._at, self._end = source, at, at + length
+
+    def read(self, size: int = _PIECE) -> bytes:
+        """Return the next bytes, none at the end."""
+        data = self._source.read(self._at, min(size, self._end - self._at))
+        self._at += len(data)
+        return data
+
+
+def _pieces(source: Source, at: int, head: ChunkHead) -> Iterator[bytes]:
+    """Yield a chunk's records, uncompressed, in pieces of any lengths up to about 1 MiB."""
+    packed = _Packed(source, at, head.records_length)
+    if head.compression == "":
+        return iter(packed.read, b"")
+    if head.compression == "zstd":
+        import zstandard
+
+        reader = zstandard.ZstdDecompressor(max_window_size=_MOST_WINDOW).stream_reader(packed)  # type: ignore[arg-type]
+        return iter(lambda: reader.read(_PIECE), b"")
+    if head.compression == "lz4":
+        return _lz4(packed)
+    raise ValueError(f"it has the unknown compression {head.compression!r}")
+
+
+def _lz4(packed: _Packed) -> Iterator[bytes]:
+    import lz4.frame
+
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    while not decompressor.eof:
+        more = packed.read(_PIECE // 8) if decompressor.needs_input else b""
+        if decompressor.needs_input and not more:
+            return
+        piece: bytes = decompressor.decompress(more, max_length=_PIECE)
+        if piece:
+            yield piece

@@ -1,0 +1,152 @@
+"""The rows of a sealed buffer, as arrays over its bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from . import record_bytes
+
+Bytes = npt.NDArray[np.uint8]
+Numbers = npt.NDArray[np.int64]
+
+_SEQUENCE_AT = 11
+"""Where in a Message record its sequence number stands."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """What a sealed buffer holds."""
+
+    data: Bytes
+    """Its bytes, writable."""
+    begin: int
+    """Where in them the first record after the prologue starts."""
+    end: int
+    """Where the last record ends."""
+    starts: Sequence[int]
+    """Where each Message record starts."""
+    gaps: Sequence[tuple[int, int]] = ()
+    """Start and end of whatever else lies between them."""
+    extras: Sequence[tuple[int, int]] = ()
+    """Those of the gaps that are Metadata records."""
+    uniform: Sequence[tuple[int, int]] = ()
+    """Runs of `starts`, by first index and the one after the last, whose rows are known to be of one form."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Message records that lie one after the other, in the order in which they were appended."""
+
+    data: Bytes
+    """The records and nothing else; writable."""
+    starts: Numbers
+    """Offset of each record, [N]."""
+    ends: Numbers
+    """Offset after each record, [N]."""
+    channels: Numbers
+    """Channel id of each row, [N]."""
+    times: Numbers
+    """Log time of each row, [N], ns."""
+    uniform: Sequence[tuple[int, int]] = ()
+    """Runs of rows, by first number and the one after the last, that are known to be of one form."""
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def payload(self, row: int) -> bytes:
+        """Return one encoded row."""
+        return self.data[self.starts[row] + record_bytes.MESSAGE_HEAD : self.ends[row]].tobytes()
+
+    def sequences(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.uint32]:
+        """Return the sequence numbers of some rows, [n]."""
+        at = (self.starts[which] + _SEQUENCE_AT)[:, None] + np.arange(4)
+        found: npt.NDArray[np.uint32] = self.data[at].view("<u4").ravel()
+        return found
+
+    def number(self, sequence: npt.NDArray[np.uint32]) -> None:
+        """Write a sequence number into each record, in place."""
+        at = (self.starts + _SEQUENCE_AT)[:, None] + np.arange(4)
+        self.data[at] = sequence.astype("<u4").view(np.uint8).reshape(-1, 4)
+
+
+def pack(block: Block) -> Rows:
+    """Return the rows of a block, copying only where something lies between them."""
+    starts = np.array(block.starts, np.int64)
+    runs: list[Bytes] = []
+    begin, moved = block.begin, starts - block.begin
+    for gap_begin, gap_end in block.gaps:
+        moved[starts >= gap_end] -= gap_end - gap_begin
+        runs.append(block.data[begin:gap_begin])
+        begin = gap_end
+    runs.append(block.data[begin : block.end])
+    data = runs[0] if len(runs) == 1 else np.concatenate(runs)
+    heads = data[moved[:, None] + np.arange(record_bytes.MESSAGE_HEAD)].view(record_bytes.MESSAGE_HEAD_DTYPE).ravel()
+    return Rows(
+        data,
+        moved,
+        moved + heads["length"].astype(np.int64) + 9,
+        heads["channel"].astype(np.int64),
+        heads["log_time"].astype(np.int64),
+        block.uniform,
+    )
+
+
+def split(rows: Rows, own_bytes: int) -> list[Rows]:
+    """Return the rows of each channel that has `own_bytes` or more, by channel, and those of all others together, last.
+
+    They are copied, unless all stay together. `uniform` is not kept.
+    """
+    sizes = np.bincount(rows.channels, weights=rows.ends - rows.starts)
+    heavy = np.flatnonzero(sizes >= own_bytes)
+    others = np.flatnonzero(~np.isin(rows.channels, heavy)) if len(heavy) else rows.channels[:0]
+    if len(heavy) + bool(len(others)) < 2:
+        return [rows]
+    parts = [taken(rows, np.flatnonzero(rows.channels == channel)) for channel in heavy]
+    return [*parts, taken(rows, others)] if len(others) else parts
+
+
+def taken(rows: Rows, which: npt.NDArray[np.intp]) -> Rows:
+    """Return some of the rows, copied to lie one after the other."""
+    block = memoryview(rows.data)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
+    firsts = np.flatnonzero(np.diff(which, prepend=-2) != 1)
+    lasts = np.append(firsts[1:], len(which)) - 1
+    starts, ends = rows.starts[which], rows.ends[which]
+    data = b"".join([block[a:b] for a, b in zip(starts[firsts].tolist(), ends[lasts].tolist(), strict=True)])
+    new_ends = np.cumsum(ends - starts)
+    return Rows(
+        np.frombuffer(data, np.uint8), new_ends - (ends - starts), new_ends, rows.channels[which], rows.times[which]
+    )
+
+
+def replaced(rows: Rows, keep: npt.NDArray[np.bool_], payloads: dict[int, tuple[int, bytes]]) -> Rows:
+    """Return rows with some left out and some rewritten.
+
+    Args:
+        rows: What to start from.
+        keep: Which of them stay, [N].
+        payloads: By row number, the new log time (ns) and payload.
+    """
+    block = memoryview(rows.data)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
+    starts, ends, channels = rows.starts.tolist(), rows.ends.tolist(), rows.channels.tolist()
+    pieces: list[bytes | memoryview] = []
+    for row in np.flatnonzero(keep).tolist():
+        changed = payloads.get(row)
+        pieces.append(block[starts[row] : ends[row]] if changed is None else message(channels[row], *changed))
+    times = rows.times.copy()
+    for row, (time, _) in payloads.items():
+        times[row] = time
+    lengths = np.fromiter(map(len, pieces), np.int64, len(pieces))
+    piece_ends = np.cumsum(lengths)
+    data = np.frombuffer(bytearray(b"".join(pieces)), np.uint8)
+    return Rows(data, piece_ends - lengths, piece_ends, rows.channels[keep], times[keep])
+
+
+def message(channel: int, time_ns: int, payload: bytes) -> bytes:
+    """Return a Message record with sequence number 0."""
+    length = len(payload) + record_bytes.MESSAGE_LENGTH_EXCESS
+    head = record_bytes.pack_message_head(length, channel, 0, time_ns, time_ns)
+    return bytes((record_bytes.MESSAGE_OPCODE,)) + head + payload

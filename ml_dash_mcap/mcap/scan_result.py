@@ -1,0 +1,253 @@
+"""What the records of a data section say, taken in one by one."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..errors import DamagedFileError
+from ..file_names import BLOCK_OPCODE
+from . import records
+from .chunk_reader import Scan
+from .file_index import FileIndex
+from .moving_window import Window
+from .records import AttachmentEntry, Channel, Chunk, MetadataEntry, Opcode, Schema
+
+_LOOSE_BYTES = 4 * 1024 * 1024
+"""Messages outside chunks are taken together up to this many bytes."""
+
+_ATTACHMENT_HEAD_BYTES = 16 * 1024
+
+_KNOWN = frozenset(Opcode)
+
+_IN_DATA = {
+    *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX),
+    *(Opcode.ATTACHMENT, Opcode.METADATA),
+}
+
+
+class Walked:
+    """Chunks and everything else that was come across.
+
+    The last chunk's maps grow in place; those of chunks before it stay as they are.
+    """
+
+    def __init__(self, window: Window) -> None:
+        """Begin with nothing."""
+        self._window = window
+        self.places: Sequence[int] = ()
+        """Where records are known to start, in bytes, sorted: none lies inside another one."""
+        self.schemas: dict[int, Schema] = {}
+        self.channels: dict[int, Channel] = {}
+        self.chunks: list[Chunk] = []
+        self.metadata: list[MetadataEntry] = []
+        self.attachments: list[AttachmentEntry] = []
+        self._offsets: dict[int, int] = {}
+        """Where the message indexes of the last chunk lie, by channel."""
+        self._counts: dict[int, int] = {}
+        """How many messages the last chunk has, by channel."""
+
+    def resume(self, previous: FileIndex) -> None:
+        """Take over what an earlier walk found."""
+        self.schemas.update(previous.schemas)
+        self.channels.update(previous.channels)
+        self.chunks.extend(previous.chunks)
+        self.metadata.extend(previous.metadata)
+        self.attachments.extend(previous.attachments)
+        if self.chunks:
+            last = self.chunks[-1]
+            self._offsets, self._counts = dict(last.message_index_offsets), dict(last.counts or {})
+            counts = None if last.counts is None else self._counts
+            self.chunks[-1] = replace(last, message_index_offsets=self._offsets, counts=counts)
+
+    def take(self, opcode: int, at: int, length: int) -> None:
+        """Take in a record that lies whole in the file.
+
+        Args:
+            opcode: What it is.
+            at: Where it starts.
+            length: Of its content.
+
+        Raises:
+            DamagedFileError: It contradicts itself.
+        """
+        if opcode == Opcode.CHUNK:
+            self._take_chunk(at, length)
+        elif opcode == Opcode.MESSAGE_INDEX:
+            self._take_message_index(at, length)
+        elif opcode == Opcode.MESSAGE:
+            self._take_loose_message(at, length)
+        elif opcode == Opcode.SCHEMA:
+            schema = records.schema(self._window.content(at, length))
+            self.schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = records.channel(self._window.content(at, length))
+            self.channels[channel.id] = channel
+        elif opcode == Opcode.METADATA:
+            name = records.metadata(self._window.content(at, length)).name
+            self.metadata.append(MetadataEntry(name, at, records.PREFIX_BYTES + length))
+        elif opcode == Opcode.ATTACHMENT:
+            start = self._window.content(at, length, at_most=_ATTACHMENT_HEAD_BYTES)
+            first = start.at
+            found = records.attachment(start, at, records.PREFIX_BYTES + length)
+            if start.at - first + found.data_size + records.CRC_BYTES > length:
+                raise DamagedFileError(self._window.source.name, at, "an attachment that is longer than its record")
+            self.attachments.append(found)
+        is_known = opcode in _IN_DATA or (opcode, length) == (BLOCK_OPCODE, 8)
+        if not is_known and self.chunks and at == _behind(self.chunks[-1]):
+            self.doubt()  # it may have been a message index
+
+    def doubt(self) -> None:
+        """Rely no more on the message indexes behind the last chunk: its own records will be walked."""
+        if self.chunks and self.chunks[-1].compression != records.LOOSE:
+            last = self.chunks[-1]
+            self.chunks[-1] = replace(
+                last, message_index_offsets={}, message_index_length=0, indexed=False, counts=None
+            )
+
+    def learn(self, position: int, found: Scan) -> None:
+        """Take in what walking a chunk's own records brought to light.
+
+        Args:
+            position: Of the chunk among `chunks`.
+            found: What it did.
+        """
+        for schema_id, schema in found.schemas.items():
+            self.schemas.setdefault(schema_id, schema)
+        for channel_id, channel in found.channels.items():
+            self.channels.setdefault(channel_id, channel)
+        chunk = self.chunks[position]
+        is_agreed = chunk.counts is None or {one: count for one, count in chunk.counts.items() if count} == found.counts
+        settled = _settled(replace(chunk, counts=found.counts))
+        self.chunks[position] = replace(settled, indexed=settled.indexed and is_agreed)
+
+    def settle(self) -> None:
+        """Say of the last chunk whether its message indexes cover it, as nothing will be added to them for now."""
+        if self.chunks:
+            self.chunks[-1] = _settled(self.chunks[-1])
+
+    def drop_last(self) -> None:
+        """Take out the last chunk and what lies behind it."""
+        end = self.chunks.pop().offset
+        self.metadata = [entry for entry in self.metadata if entry.offset < end]
+        self.attachments = [entry for entry in self.attachments if entry.offset < end]
+
+    def _take_chunk(self, at: int, length: int) -> None:
+        self.settle()
+        head = records.chunk_head(self._window.content(at, length, at_most=records.CHUNK_HEAD_BYTES))
+        self._check_end("a chunk", at, length, head.records_at + head.records_length)
+        self._offsets, self._counts = {}, {}
+        self.chunks.append(
+            Chunk(
+                offset=at,
+                length=records.PREFIX_BYTES + length,
+                start_ns=head.start_ns,
+                end_ns=head.end_ns,
+                compression=head.compression,
+                compressed_size=head.records_length,
+                uncompressed_size=head.uncompressed_size,
+                message_index_offsets=self._offsets,
+                indexed=False,
+            )
+        )
+
+    def _check_end(self, what: str, at: int, length: int, used: int) -> None:
+        """Check that a record is as long as its fields, or was extended and ends where the next record starts.
+
+        Args:
+            what: Which record, for the error.
+            at: Where it starts.
+            length: Of its content.
+            used: How many bytes of that its fields take.
+
+        Raises:
+            DamagedFileError: One of the lengths is wrong.
+        """
+        if used == length:
+            return
+        fields_end, end = at + records.PREFIX_BYTES + used, at + records.PREFIX_BYTES + length
+        if used > length or self._hides(fields_end, end) or not self._is_extended(fields_end, end):
+            raise DamagedFileError(
+                self._window.source.name, at, f"{what} whose record and content have different lengths"
+            )
+
+    def _hides(self, fields_end: int, end: int) -> bool:
+        """Whether another record is known to start between the fields of a record and its end."""
+        first = bisect_left(self.places, fields_end)
+        return first < len(self.places) and self.places[first] < end
+
+    def _is_extended(self, fields_end: int, end: int) -> bool:
+        """Whether a record goes on behind its fields, rather than to have a wrong length."""
+        if self._fits(end):
+            return True
+        return self._is_opcode(end) and not self._fits(fields_end)  # the next one is where the file was cut
+
+    def _fits(self, at: int) -> bool:
+        """Whether a record that lies in the file starts somewhere, or the file ends there."""
+        room = self._window.size - at
+        if room < records.PREFIX_BYTES:
+            return room == 0
+        length = records.prefix(self._window.bytes(at, records.PREFIX_BYTES), 0)[1]
+        return self._is_opcode(at) and length <= room - records.PREFIX_BYTES
+
+    def _is_opcode(self, at: int) -> bool:
+        if at >= self._window.size:
+            return False
+        opcode = self._window.bytes(at, 1)[0]
+        return opcode in _KNOWN or opcode >= records.FIRST_PRIVATE
+
+    def _take_message_index(self, at: int, length: int) -> None:
+        fields = self._window.content(at, length, at_most=6)
+        channel_id, entries_length = fields.u16(), fields.u32()
+        if entries_length % records.ENTRY_BYTES:
+            what = "a message index whose length contradicts itself"
+            raise DamagedFileError(self._window.source.name, at, what)
+        self._check_end("a message index", at, length, 6 + entries_length)
+        last = self.chunks[-1] if self.chunks else None
+        if last is None or last.compression == records.LOOSE:
+            return
+        is_doubted = last.message_index_offsets is not self._offsets
+        if is_doubted or at != _behind(last) or channel_id in self._offsets:
+            self.doubt()
+            return
+        self._offsets[channel_id] = at
+        self._counts.setdefault(channel_id, entries_length // 16)
+        end = at + records.PREFIX_BYTES + length
+        self.chunks[-1] = replace(last, message_index_length=end - last.end, counts=self._counts)
+
+    def _take_loose_message(self, at: int, length: int) -> None:
+        fields = self._window.content(at, length, at_most=22)
+        channel_id, _sequence, time_ns = fields.u16(), fields.u32(), fields.u64()
+        fields.u64()
+        total = records.PREFIX_BYTES + length
+        last = self.chunks[-1] if self.chunks else None
+        goes_on = last is not None and last.compression == records.LOOSE and last.end == at
+        if last is None or not goes_on or last.length + total > _LOOSE_BYTES:
+            self.settle()
+            self._offsets, self._counts = {}, {channel_id: 1}
+            self.chunks.append(
+                Chunk(at, total, time_ns, time_ns, records.LOOSE, total, total, indexed=False, counts=self._counts)
+            )
+            return
+        self._counts[channel_id] = self._counts.get(channel_id, 0) + 1
+        self.chunks[-1] = replace(
+            last,
+            length=last.length + total,
+            start_ns=min(last.start_ns, time_ns),
+            end_ns=max(last.end_ns, time_ns),
+            compressed_size=last.length + total,
+            uncompressed_size=last.length + total,
+        )
+
+
+def _behind(chunk: Chunk) -> int:
+    """Return where a chunk and the message indexes found so far end."""
+    return chunk.end + chunk.message_index_length
+
+
+def _settled(chunk: Chunk) -> Chunk:
+    """Say whether the message indexes found behind a chunk are of all channels in it."""
+    if chunk.compression == records.LOOSE:
+        return chunk
+    return replace(chunk, indexed=chunk.counts is not None and set(chunk.counts) <= set(chunk.message_index_offsets))

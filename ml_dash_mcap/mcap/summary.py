@@ -1,0 +1,315 @@
+"""A finished file's index, from its footer and summary."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+from zlib import crc32
+
+import numpy as np
+
+from ..errors import DamagedFileError
+from ..store.file_source import Source
+from . import chunk_table, records
+from .chunk_indexes import ChunkIndexes
+from .chunk_reader import MESSAGE_HEAD
+from .file_index import FileIndex, Glance
+from .limits import Limits
+from .record_fields import Fields
+from .records import (
+    AttachmentEntry,
+    Channel,
+    Chunk,
+    Footer,
+    Header,
+    MetadataEntry,
+    Opcode,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+_TAIL_BYTES = records.FOOTER_BYTES + len(records.MAGIC)
+
+_LAST = 2**64 - 1
+
+_SMALL_BYTES = 64 * 1024
+"""A summary up to this size is read whole at once."""
+
+
+def footer(source: Source, size: int) -> Footer | None:
+    """Return a file's footer, or None if the file has no end: it is being recorded, or was cut."""
+    if size < _TAIL_BYTES + len(records.MAGIC):
+        return None
+    start = size - _TAIL_BYTES
+    tail = source.read(start, _TAIL_BYTES)
+    if len(tail) < _TAIL_BYTES or not tail.endswith(records.MAGIC):
+        return None
+    opcode, length = records.prefix(tail, 0)
+    if opcode != Opcode.FOOTER or length != records.FOOTER_BYTES - records.PREFIX_BYTES:
+        return None
+    return records.footer(Fields(tail, source.name, start, records.PREFIX_BYTES))
+
+
+def read(source: Source, size: int, header: Header, found: Footer, limits: Limits) -> FileIndex | None:
+    """Build the index from the summary.
+
+    Returns:
+        None where the summary does not say enough to find every message, channel and metadata record.
+
+    Raises:
+        DamagedFileError: The summary contradicts itself.
+    """
+    start, end = found.summary_start, size - _TAIL_BYTES
+    if not _is_plausible(found, size, limits):
+        return None
+    data = source.read(start, size - len(records.MAGIC) - start)
+    if len(data) != end + records.FOOTER_BYTES - start:
+        raise DamagedFileError(source.name, start, "the file was cut while its summary was read")
+    if found.summary_crc and crc32(memoryview(data)[:-4]) != found.summary_crc:
+        raise DamagedFileError(source.name, start, "a summary whose checksum (CRC-32) does not match its content")
+    contents = Contents(source.name)
+    contents.take(memoryview(data)[: end - start], start)
+    contents.chunks = contents.indexes.chunks(start)
+    contents.check_apart(start)
+    return replace(contents.index(header, start), size=size) if contents.is_sufficient(limits) else None
+
+
+def glance(source: Source, size: int, header: Header, found: Footer, limits: Limits) -> Glance | None:
+    """Read a long summary without its chunk indexes, so that opening a file costs the same however long it is.
+
+    What it says is not verified: the checksum is that of the whole summary.
+
+    Returns:
+        None where the summary is short, or does not say where its groups are: it is to be read as a whole.
+    """
+    start, end, groups_at = found.summary_start, size - _TAIL_BYTES, found.summary_offset_start
+    if not _is_plausible(found, size, limits) or not start < groups_at <= end:
+        return None
+    if end - start <= _SMALL_BYTES or end - groups_at > _SMALL_BYTES:
+        return None
+    contents = Contents(source.name)
+    try:
+        groups = _groups(memoryview(source.read(groups_at, end - groups_at)), source.name, groups_at)
+        wanted = {opcode: place for opcode, *place in groups if opcode != Opcode.CHUNK_INDEX}
+        if len({opcode for opcode, _, _ in groups}) < len(groups):
+            return None
+        if any(at < start or length > _SMALL_BYTES or at + length > groups_at for at, length in wanted.values()):
+            return None
+        for at, length in wanted.values():
+            contents.take(memoryview(source.read(at, length)), at)
+        contents.check_apart(start)
+    except DamagedFileError:
+        return None
+    if contents.statistics is None or not contents.knows_channels() or not contents.knows_entries():
+        return None
+    return Glance(
+        header,
+        contents.schemas,
+        contents.channels,
+        tuple(contents.metadata),
+        tuple(contents.attachments),
+        contents.statistics,
+    )
+
+
+def contents(source: Source, size: int, found: Footer, limits: Limits) -> Contents:
+    """Return everything that a summary says, true or not.
+
+    Raises:
+        DamagedFileError: It cannot be parsed, or its checksum does not match.
+    """
+    start, end = found.summary_start, size - _TAIL_BYTES
+    said = Contents(source.name)
+    if not _is_plausible(found, size, limits):
+        raise DamagedFileError(source.name, end, "the footer says that it starts where it cannot")
+    data = source.read(start, size - len(records.MAGIC) - start)
+    if found.summary_crc and crc32(memoryview(data)[:-4]) != found.summary_crc:
+        raise DamagedFileError(source.name, start, "its checksum (CRC-32) does not match its content")
+    data = data[: end - start]
+    said.take(memoryview(data), start)
+    said.chunks = said.indexes.chunks(start)
+    for opcode, at, fields in records.split(data, source.name, start):
+        if opcode == Opcode.SUMMARY_OFFSET:
+            said.offsets.append(records.summary_offset(fields))
+        length = records.PREFIX_BYTES + fields.end - fields.start
+        last = said.groups[-1] if said.groups else None
+        if last is not None and last[0] == opcode:
+            said.groups[-1] = (opcode, last[1], last[2] + length)
+        else:
+            said.groups.append((opcode, at, length))
+    return said
+
+
+@dataclass(frozen=True, slots=True)
+class Clues:
+    """What a summary says that cannot be relied upon."""
+
+    places: list[int]
+    """Where records of the data section start, in bytes, sorted."""
+    statistics: Statistics | None
+    """What it says of how much of everything there is."""
+
+    def agree_with(self, index: FileIndex) -> bool:
+        """Whether a walk found as many messages of each channel as the statistics say."""
+        said = self.statistics
+        if said is None or not said.channel_message_counts:
+            return True
+        return positive(said.channel_message_counts) == positive(index.message_counts)
+
+
+def clues(source: Source, size: int, found: Footer, limits: Limits) -> Clues:
+    """Take from a summary what can be taken from it, for whoever walks over damage."""
+    if not _is_plausible(found, size, limits):
+        return Clues([], None)
+    start = found.summary_start
+    contents = Contents(source.name)
+    with suppress(DamagedFileError):
+        contents.take(memoryview(source.read(start, size - _TAIL_BYTES - start)), start)
+    places = {entry.offset for entries in (contents.metadata, contents.attachments) for entry in entries}
+    with suppress(DamagedFileError):
+        places.update(chunk.offset for chunk in contents.indexes.chunks(start))
+    return Clues(sorted(places), contents.statistics)
+
+
+def _is_plausible(found: Footer, size: int, limits: Limits) -> bool:
+    return found.summary_start > 0 and 0 < size - _TAIL_BYTES - found.summary_start <= limits.summary_bytes
+
+
+def _groups(data: memoryview, path: str, base: int) -> list[tuple[int, int, int]]:
+    """Return the opcode, offset and length of each group of a summary."""
+    found = [
+        records.summary_offset(fields)
+        for opcode, _, fields in records.split(data, path, base)
+        if opcode == Opcode.SUMMARY_OFFSET
+    ]
+    return [(one.opcode, one.start, one.length) for one in found]
+
+
+Entry = TypeVar("Entry", MetadataEntry, AttachmentEntry)
+
+
+@dataclass(slots=True)
+class Contents:
+    """What the records of a summary say."""
+
+    path: str
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    chunks: Sequence[Chunk] = ()
+    metadata: list[MetadataEntry] = field(default_factory=list)
+    attachments: list[AttachmentEntry] = field(default_factory=list)
+    statistics: Statistics | None = None
+    offsets: list[SummaryOffset] = field(default_factory=list)
+    """What the summary offset section says, if somebody asked for it."""
+    groups: list[tuple[int, int, int]] = field(default_factory=list)
+    """Opcode, start and length of each group of records of one kind, if somebody asked for it."""
+    indexes: ChunkIndexes = field(init=False)
+    """Of the chunks; `chunks` is what they say."""
+
+    def __post_init__(self) -> None:
+        self.indexes = ChunkIndexes(self.path)
+
+    def take(self, data: memoryview, start: int) -> None:
+        """Take in records; `start` is where in the file they do.
+
+        Raises:
+            DamagedFileError: A record contradicts itself.
+        """
+        for opcode, _, fields in self.indexes.split(data, start):
+            if opcode == Opcode.SCHEMA:
+                schema = records.schema(fields)
+                self.schemas[schema.id] = schema
+            elif opcode == Opcode.CHANNEL:
+                channel = records.channel(fields)
+                self.channels[channel.id] = channel
+            elif opcode == Opcode.METADATA_INDEX:
+                self.metadata.append(records.metadata_index(fields))
+            elif opcode == Opcode.ATTACHMENT_INDEX:
+                self.attachments.append(records.attachment_index(fields))
+            elif opcode == Opcode.STATISTICS:
+                self.statistics = records.statistics(fields)
+
+    def check_apart(self, end: int) -> None:
+        """Sort what is in the file by where it lies, and check that nothing does twice, nor behind `end`.
+
+        Raises:
+            DamagedFileError: Something does: a small file could say any number of times what one long record says.
+        """
+        self.metadata = _in_order(self.metadata)
+        self.attachments = _in_order(self.attachments)
+        entries: list[MetadataEntry | AttachmentEntry] = [*self.metadata, *self.attachments]
+        starts, stops = chunk_table.places(self.chunks)
+        start = np.append(starts, np.array([entry.offset for entry in entries], np.uint64))
+        stop = np.append(stops, np.array([min(entry.offset + entry.length, _LAST) for entry in entries], np.uint64))
+        order = np.argsort(start, kind="stable")
+        start, stop = start[order], stop[order]
+        wrong = (start >= stop) | (stop > np.uint64(end))
+        wrong[1:] |= start[1:] < stop[:-1]
+        if wrong.any():
+            at = int(start[wrong.argmax()])
+            raise DamagedFileError(self.path, at, "the summary puts something here where it cannot be")
+
+    def index(self, header: Header, end: int) -> FileIndex:
+        """Return it as the index of a file whose data section ends at `end`."""
+        statistics = self.statistics
+        return FileIndex(
+            path=self.path,
+            header=header,
+            schemas=self.schemas,
+            channels=self.channels,
+            chunks=self.chunks,
+            message_counts=statistics.channel_message_counts if statistics is not None else {},
+            metadata=tuple(self.metadata),
+            attachments=tuple(self.attachments),
+            finished=True,
+            end=end,
+            statistics=statistics,
+            by_summary=True,
+            doubtful=statistics is not None and not _agree(statistics, self.chunks),
+        )
+
+    def is_sufficient(self, limits: Limits) -> bool:
+        """Whether it says enough to find every message, channel, metadata record and attachment."""
+        said = self.statistics
+        room = chunk_table.unpacked_bytes(self.chunks, limits.chunk_bytes)
+        if said is None or said.chunk_count != len(self.chunks) or said.message_count * MESSAGE_HEAD.itemsize > room:
+            return False
+        return (
+            chunk_table.channels(self.chunks) <= set(self.channels) and self.knows_channels() and self.knows_entries()
+        )
+
+    def knows_channels(self) -> bool:
+        """Whether all channels that have messages are known, with their schemas."""
+        counts = {} if self.statistics is None else self.statistics.channel_message_counts
+        if self.statistics is None or self.statistics.message_count != sum(counts.values()):
+            return False
+        schemas = {channel.schema_id for channel in self.channels.values()}
+        return set(counts) <= set(self.channels) and schemas <= {0, *self.schemas}
+
+    def knows_entries(self) -> bool:
+        """Whether all metadata records and attachments are known."""
+        said = self.statistics
+        if said is None:
+            return False
+        return (said.metadata_count, said.attachment_count) == (len(self.metadata), len(self.attachments))
+
+
+def positive(counts: Mapping[int, int]) -> dict[int, int]:
+    """Return the counts that are not 0: a channel without messages may be counted or left out."""
+    return {channel_id: count for channel_id, count in counts.items() if count}
+
+
+def _agree(statistics: Statistics, chunks: Sequence[Chunk]) -> bool:
+    """Whether statistics say of messages and times what the chunk indexes do."""
+    counted = chunk_table.counts(chunks)
+    if counted is not None and counted != positive(statistics.channel_message_counts):
+        return False
+    spans = chunk_table.spans(chunks)
+    return not spans or not statistics.message_count or (statistics.start_ns, statistics.end_ns) in spans
+
+
+def _in_order(entries: list[Entry]) -> list[Entry]:
+    return sorted(entries, key=lambda entry: entry.offset)

@@ -1,0 +1,1 @@
+"""What a field is: its quantity, unit and frame."""

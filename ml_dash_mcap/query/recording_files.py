@@ -1,0 +1,94 @@
+"""Which files a recording is made of."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from itertools import islice
+from pathlib import Path
+
+from ..errors import MissingRecordingError, StorageError
+from ..file_names import ACTIVE_SUFFIX, DEFAULT_ROOTS
+from ..store.run_folders import is_segment, is_session, runs_below
+
+_NUMBER = re.compile(r"([0-9]+)")
+
+_SEARCH_DEPTH = 4
+_MOST_FOLDERS = 5000
+"""So many are looked at, some tenths of a second, for runs to name."""
+_NAMED = 5
+
+
+def segments(path: Path, *, is_known: bool = False) -> list[Path]:
+    """Return the files of a recording in the order of writing, the finished ones and those in progress.
+
+    A run that has just begun has none yet; what its recorder keeps in its folder tells it from other folders.
+
+    Args:
+        path: A run's folder, or one file.
+        is_known: Whether a folder is known to be that of a run, whatever is in it now.
+
+    Raises:
+        MissingRecordingError: There is nothing at that path, or it is a folder of other things; the message names runs
+            that lie further down.
+        StorageError: The folder cannot be read.
+    """
+    if path.is_file():
+        return [path]
+    if not path.is_dir():
+        raise MissingRecordingError(errno.ENOENT, f"no recording here{_hint(path)}", str(path))
+    found: dict[str, Path] = {}
+    names = _names(path)
+    for name in sorted(names):  # "x.mcap" comes before "x.mcap.active" and wins
+        stem = name.removesuffix(ACTIVE_SUFFIX)
+        if is_segment(name):
+            found.setdefault(stem, path / name)
+    if not found and not is_known and not any(map(is_session, names)):
+        _refuse(path, names)
+    return [found[stem] for stem in sorted(found, key=_natural)]
+
+
+def _names(path: Path) -> list[str]:
+    """Return the names of what is in a folder.
+
+    Raises:
+        StorageError: It cannot be read.
+    """
+    try:
+        return os.listdir(path)
+    except OSError as error:
+        raise StorageError(error.errno, f"cannot be read: {error.strerror}", str(path)) from error
+
+
+def _hint(path: Path) -> str:
+    """Return where the recording of that prefix is, if somebody gave a prefix for a path."""
+    places = [Path(root) / path for root in DEFAULT_ROOTS if not path.is_absolute() and (Path(root) / path).is_dir()]
+    return f"; did you mean {str(places[0])!r}?" if places else ""
+
+
+def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
+    """Sort `bag_10` behind `bag_9`; names whose numbers have one length sort as text does."""
+    parts = _NUMBER.split(name)
+    return [(int(part) if at % 2 else 0, "" if at % 2 else part) for at, part in enumerate(parts)], name
+
+
+def _refuse(path: Path, names: list[str]) -> None:
+    """Raise because a folder is no recording, and say what is one: whoever opened it may have meant one below it."""
+    below = _recordings_below(path)
+    if below:
+        raise MissingRecordingError(
+            errno.ENOENT, f"no recording here, but in the folders below it: {_listed(below)}", str(path)
+        )
+    there = f"it has {_listed(sorted(names))}" if names else "it is empty"
+    what = "a recording is a folder with .mcap files in it, one .mcap file, or a bag or table of others"
+    raise MissingRecordingError(errno.ENOENT, f"no recording here, and {there}; {what}", str(path))
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")
+
+
+def _recordings_below(path: Path) -> list[str]:
+    below = (folder for folder in runs_below(path, depth=_SEARCH_DEPTH, most=_MOST_FOLDERS) if folder != path)
+    return [folder.relative_to(path).as_posix() for folder in islice(below, _NAMED + 1)]

@@ -1,0 +1,171 @@
+"""A file's messages of all channels, in the order in which they are stored: for copies that decode nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..mcap.chunk_reader import MESSAGE_HEAD, Messages
+from ..mcap.file_index import ReindexedError
+from ..mcap.message import Channel, MessageBlock
+from ..mcap.records import LOOSE, Chunk
+from ..rows import read_ahead
+from . import attachments as found_attachments
+from . import plan
+from .file import File
+from .plan import Located
+
+_MOST_BYTES = 4 << 20
+_MOST_MESSAGES = 16384
+"""Blocks end at about so much: what lies outside of chunks may be a whole file."""
+
+_PIECE = 1 << 20
+"""Attachments are copied so many bytes at a time."""
+
+LAST_NS = 2**64 - 1
+
+
+class StoredChunk(NamedTuple):
+    """A chunk as it lies in its file, and the messages in it."""
+
+    chunk: Chunk
+    record: bytes
+    """The whole Chunk record; empty for messages that lie outside of chunks, or where some of them were left out."""
+    messages: list[Messages]
+    """Those of each channel, by their offsets in the chunk's records."""
+
+
+def channels(file: File) -> dict[int, Channel]:
+    """Return a file's channels, by their ids."""
+    found = {}
+    for number, channel in sorted(file.index.channels.items()):
+        schema = file.index.schema_of(channel)
+        name, encoding, data = ("", "", b"") if schema is None else (schema.name, schema.encoding, schema.data)
+        metadata = tuple(channel.metadata.items())
+        found[number] = Channel(channel.topic, name, encoding, data, channel.message_encoding, metadata)
+    return found
+
+
+def attachments(file: File) -> Iterator[tuple[Iterator[bytes], dict[str, Any]]]:
+    """Yield a file's Attachment records, each in pieces, with what an index says of it besides its place."""
+    for entry in found_attachments.entries(file):
+        index = {
+            "log_time": entry.log_time_ns,
+            "create_time": entry.create_time_ns,
+            "data_size": entry.data_size,
+            "name": entry.name,
+            "media_type": entry.media_type,
+        }
+        end = entry.offset + entry.length
+        pieces = (file.source.read(at, min(_PIECE, end - at)) for at in range(entry.offset, end, _PIECE))
+        yield pieces, index
+
+
+def chunks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int = LAST_NS) -> Iterator[StoredChunk]:
+    """Yield the chunks that hold messages of some channels and of a time range, in the order of the file.
+
+    Their bytes are verified. What is damaged raises, or is noted and left out where the file is to be salvaged.
+
+    Args:
+        file: Where from.
+        wanted: Ids of channels.
+        start_ns: First log time, in ns.
+        end_ns: Last log time, included, in ns.
+
+    Raises:
+        DamagedFileError: A chunk is damaged.
+    """
+    if start_ns <= 0 and end_ns >= LAST_NS:
+        file.survey()
+    done: set[int] = set()
+    while True:
+        try:
+            for found in _chunks(file, wanted, start_ns, end_ns, done):
+                done.add(found.chunk.offset)
+                if any(map(len, found.messages)):
+                    yield found
+        except ReindexedError:
+            continue
+        return
+
+
+def _chunks(
+    file: File, wanted: Collection[int], start_ns: int, end_ns: int, done: Collection[int]
+) -> Iterator[StoredChunk]:
+    """Do what `chunks` does by the index as it is now, but for the chunks that start at the places in `done`."""
+    located = plan.chunks([file.index], [wanted], start_ns, end_ns)
+    in_file = sorted((one for one in located if one.chunk.offset not in done), key=lambda one: one.chunk.offset)
+
+    def cut(one: tuple[Located, bytes]) -> StoredChunk:
+        chunk, span = one[0].chunk, one[1]
+        present = [number for number in wanted if not chunk.indexed or number in chunk.message_index_offsets]
+        messages = file.cut(chunk, present, start_ns, end_ns, memoryview(span))
+        is_as_stored = chunk.compression != LOOSE and not file.is_partial(chunk)
+        return StoredChunk(chunk, span[: chunk.length] if is_as_stored else b"", messages)
+
+    def spans() -> Iterator[tuple[Located, bytes]]:
+        for span in plan.coalesce(in_file):
+            data = file.read_span(span.offset, span.length)
+            for one in span.chunks:
+                start = one.chunk.offset - span.offset
+                yield one, data[start : one.end - span.offset]
+
+    return read_ahead.in_order(cut, spans(), weigh=lambda one: one[0].chunk.uncompressed_size)
+
+
+def blocks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int = LAST_NS) -> Iterator[MessageBlock]:
+    """Yield the messages of some channels and of a time range, in the order of the file.
+
+    The arguments and errors are those of `chunks`.
+    """
+    for chunk in chunks(file, wanted, start_ns, end_ns):
+        yield from in_pieces(block_of(chunk.messages))
+
+
+def block_of(parts: list[Messages]) -> MessageBlock:
+    """Return the messages of some channels of one chunk in the order in which they lie there."""
+    numbers = np.repeat([one.channel_id for one in parts], [len(one) for one in parts]).astype(np.int64)
+    offsets = np.concatenate([one.offsets for one in parts])
+    order = np.argsort(offsets, kind="stable")
+    data = memoryview(parts[0].data)
+    starts = (offsets[order] + MESSAGE_HEAD.itemsize).tolist()
+    ends = np.concatenate([one.ends for one in parts])[order].tolist()
+    return MessageBlock(
+        numbers[order],
+        np.concatenate([one.times_ns for one in parts])[order],
+        np.concatenate([one.published_ns for one in parts])[order],
+        np.concatenate([one.sequences for one in parts])[order],
+        [data[start:end] for start, end in zip(starts, ends, strict=True)],
+    )
+
+
+def in_pieces(block: MessageBlock) -> Iterator[MessageBlock]:
+    """Cut a long block into some of a size that chunks may have."""
+    if len(block) <= _MOST_MESSAGES and block.size <= _MOST_BYTES:
+        if len(block):
+            yield block
+        return
+    ends = np.cumsum([len(payload) for payload in block.payloads])
+    first = 0
+    while first < len(block):
+        room = int(ends[first - 1]) if first else 0
+        last = int(np.searchsorted(ends, room + _MOST_BYTES, "right"))
+        last = min(max(last, first + 1), first + _MOST_MESSAGES)
+        yield block.part(first, last)
+        first = last
+
+
+def joined(found: Iterator[MessageBlock], size: int) -> Iterator[MessageBlock]:
+    """Join short blocks until they have about as many bytes as a chunk."""
+    waiting: list[MessageBlock] = []
+    held = 0
+    for block in found:
+        waiting.append(block)
+        held += block.size
+        if held >= size or sum(len(one) for one in waiting) >= _MOST_MESSAGES:
+            yield MessageBlock.joined(waiting)
+            waiting, held = [], 0
+    if waiting:
+        yield MessageBlock.joined(waiting)

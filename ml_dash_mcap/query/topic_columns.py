@@ -1,0 +1,344 @@
+"""One topic's rows as Arrow columns, in time order, those of one time stamp merged, chunk by chunk."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+
+from .. import clock
+from ..codecs.decode import Decoder, Row
+from ..file_names import KIND_KEY, TRACK
+from ..rows import read_ahead, same_bytes
+from ..rows.dotted import FIELD_PREFIX, flatten, project
+from ..rows.encode import EXACT_KEY, TIME_KEY
+from ..rows.json_lines import LineReader, joined
+from ..rows.table import Block, Column, block_of, join
+from . import time_order, topic_messages, topic_rows
+from .file import File
+from .topic_messages import Cut, Origin
+
+_EXACT = f'"{EXACT_KEY}"'.encode()
+
+_FIRST_BYTES, _MOST_BYTES = 128 * 1024, 1024 * 1024
+"""Payloads of several chunks are parsed together, because each call of pyarrow has its price: about so many bytes at
+first, so that a window keeps all cores at work, then more and more, and so many at last."""
+
+_COLUMN_BYTES, _WIDEST = 2048, 16
+"""Each column has its price too, some 20 us a block: so many bytes for each of them are worth it, up to so many times
+`_MOST_BYTES`. Otherwise the price of rows with thousands of fields would grow with the square of their number."""
+
+
+_LISTS = (pa.ListType, pa.LargeListType, pa.FixedSizeListType)
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """Messages of one channel, copied out of their chunk."""
+
+    times_ns: npt.NDArray[np.uint64]
+    written: npt.NDArray[np.int64]
+    """Numbers that grow in the order of writing, over all chunks and files."""
+    payloads: list[bytes]
+    origin: Origin
+
+    def pick(self, which: npt.NDArray[np.intp]) -> _Piece:
+        """Return some of them."""
+        payloads = self.payloads
+        return _Piece(self.times_ns[which], self.written[which], [payloads[at] for at in which.tolist()], self.origin)
+
+
+class _Some(NamedTuple):
+    """What is parsed together."""
+
+    pieces: list[_Piece]
+    size: int
+    """Of the payloads, in bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Parsed:
+    """Messages of one channel, and the columns that they became."""
+
+    pieces: list[_Piece]
+    times: npt.NDArray[np.float64]
+    """Time stamps, [N], in s."""
+    block: Block
+
+
+def read(
+    files: Sequence[File],
+    topic: str,
+    low: float = -math.inf,
+    high: float = math.inf,
+    columns: Sequence[str] | None = None,
+    time_name: str = TIME_KEY,
+) -> Iterator[Block]:
+    """Read a topic's rows with time stamps in [low, high] as columns.
+
+    They are what `rows.read` yields, in the types that `rows.table.from_rows` gives them. Memory holds a few chunks,
+    not the topic.
+
+    Args:
+        files: In the order of writing.
+        topic: Its name.
+        low: First time stamp, in s.
+        high: Last time stamp, included, in s.
+        columns: Dotted names; None for all.
+        time_name: What the column of time stamps is called.
+
+    Yields:
+        Some rows each, one or more, each block later than the one before. Its columns are those that it has values of.
+    """
+    reading = _Reading(columns, time_name, low, high)
+    start_ns, end_ns = topic_rows.to_ns_range(low, high)
+    found = time_order.in_time(topic_messages.cut(files, topic, start_ns, end_ns, _copied))
+    work = read_ahead.in_order(lambda some: reading.block(some.pieces), _together(found), weigh=lambda some: some.size)
+    for block in work:
+        if block.count:
+            yield block
+
+
+def _copied(cut: Cut) -> _Piece:
+    """Copy messages out of their chunk, so that it need not be held for the few of its messages that are wanted."""
+    return _Piece(cut.times_ns, cut.written, cut.messages.payloads, cut.origin)
+
+
+def _together(groups: Iterable[list[_Piece]]) -> Iterator[_Some]:
+    """Join groups of pieces, each later than the one before, into some that are worth parsing."""
+    waiting: list[_Piece] = []
+    size, enough = 0, _FIRST_BYTES
+    for group in groups:
+        waiting += group
+        size += sum(map(_size, group))
+        if size >= enough and size >= min(_COLUMN_BYTES * _width(group), _WIDEST * _MOST_BYTES):
+            yield _Some(waiting, size)
+            waiting, size, enough = [], 0, min(2 * enough, _MOST_BYTES)
+    if waiting:
+        yield _Some(waiting, size)
+
+
+def _width(group: list[_Piece]) -> int:
+    """Return about how many fields a row has, nested ones included."""
+    return group[0].payloads[0].count(b'":') if group and group[0].payloads else 0
+
+
+def _size(piece: _Piece) -> int:
+    """Return how many bytes the payloads have."""
+    return sum(map(len, piece.payloads))
+
+
+class _Reading:
+    """What all blocks of one call have in common; several threads make them."""
+
+    def __init__(self, columns: Sequence[str] | None, time_name: str, low: float, high: float) -> None:
+        self._columns = columns
+        self._time_name = time_name
+        self._low, self._high = low, high
+        self._decoders: dict[tuple[str, int], Decoder] = {}
+        self._readers: dict[tuple[str, int], LineReader] = {}
+
+    def block(self, pieces: list[_Piece]) -> Block:
+        """Return the rows of some pieces that are wanted, in time order, merged."""
+        by_channel: dict[tuple[str, int], list[_Piece]] = {}
+        for piece in pieces:
+            by_channel.setdefault(topic_rows.key_of(piece.origin), []).append(piece)
+        return self._combine([parsed for key, group in by_channel.items() for parsed in self._parse(key, group)])
+
+    # -- messages to columns -------------------------------------------------------------------------------------------
+
+    def _parse(self, key: tuple[str, int], pieces: list[_Piece]) -> list[_Parsed]:
+        if pieces[0].origin.channel.message_encoding != "json":
+            return [self._decoded(pieces)]
+        payloads = [payload for piece in pieces for payload in piece.payloads]
+        lines = joined(payloads)
+        if lines is None:
+            return [self._decoded(pieces)]
+        reader = self._readers.get(key)
+        if reader is None:
+            reader = self._readers[key] = LineReader(self._columns)
+        flat = reader.read(lines)
+        if flat is None:
+            odd = _with_side_key(payloads, lines.text)
+            return self._mixed(reader, pieces, payloads, odd) if len(odd) else [self._decoded(pieces)]
+        named = self._named(pieces, flat)
+        return [named or self._decoded(pieces)]
+
+    def _mixed(
+        self, reader: LineReader, pieces: list[_Piece], payloads: list[bytes], odd: npt.NDArray[np.intp]
+    ) -> list[_Parsed]:
+        """Take the rows with a side key through Python objects, and the others not."""
+        even = np.setdiff1d(np.arange(len(payloads)), odd)
+        lines = joined([payloads[at] for at in even.tolist()])
+        flat = None if lines is None else reader.read(lines)
+        named = None if flat is None else self._named(_picked(pieces, even), flat)
+        if named is None:
+            return [self._decoded(pieces)]
+        others = self._decoded(_picked(pieces, odd))
+        return [self._decoded(pieces)] if _clash(named.block, others.block) else [named, others]
+
+    def _named(self, pieces: list[_Piece], flat: dict[str, Any]) -> _Parsed | None:
+        """Give columns the names that are wanted; None if that would lose one."""
+        times = _times(flat.pop(TIME_KEY, None), np.concatenate([piece.times_ns for piece in pieces]))
+        named: dict[str, Column] = {}
+        for name, array in flat.items():
+            if name == TIME_KEY or name.startswith(TIME_KEY + "."):
+                return None
+            taken = name == self._time_name
+            if self._is_wanted(FIELD_PREFIX + name if taken else name):
+                named[FIELD_PREFIX + name if taken else name] = Column(array)
+        if len(named) < len(flat) and self._columns is None:
+            return None
+        return _Parsed(pieces, times, Block(len(times), {self._time_name: Column(same_bytes.to_arrow(times)), **named}))
+
+    def _is_wanted(self, name: str) -> bool:
+        columns = self._columns
+        return columns is None or any(name == column or name.startswith(column + ".") for column in columns)
+
+    def _decoded(self, pieces: list[_Piece]) -> _Parsed:
+        found: list[Row] = []
+        kept: list[_Piece] = []
+        for piece in pieces:
+            decoded = list(topic_rows.decode(piece.origin, piece.payloads, piece.times_ns, self._decoders))
+            present = np.flatnonzero([row is not None for row in decoded])  # others are lost
+            kept.append(piece if len(present) == len(decoded) else piece.pick(present))
+            found += [row for row in decoded if row is not None]
+        return _Parsed(kept, np.array([row[TIME_KEY] for row in found], np.float64), self._of_rows(found))
+
+    def _of_rows(self, nested: list[Row]) -> Block:
+        columns = self._columns
+        chosen = nested if columns is None else [project(row, columns) for row in nested]
+        return block_of([flatten(row, self._time_name) for row in chosen])
+
+    # -- columns into one order ----------------------------------------------------------------------------------------
+
+    def _combine(self, parts: list[_Parsed]) -> Block:
+        times = np.concatenate([part.times for part in parts])
+        written = np.concatenate([piece.written for part in parts for piece in part.pieces])
+        keep = (times >= self._low) & (times <= self._high)
+        merges = np.concatenate([np.full(len(part.times), _merges(part.pieces[0].origin)) for part in parts])
+        again = _repeated(times, keep & merges)
+        keep &= ~again
+        blocks = [part.block for part in parts]
+        if not keep.all():  # before they are joined, so that what goes has no say in the columns' types
+            blocks = _chosen(blocks, keep)
+            times, written = times[keep], written[keep]
+        if again.any():
+            merged, first_written = self._merged(parts, again)
+            blocks.append(self._of_rows(merged))
+            times = np.concatenate((times, [row[TIME_KEY] for row in merged]))
+            written = np.concatenate((written, first_written))
+        if not blocks:
+            return Block(0, {})
+        block = blocks[0] if len(blocks) == 1 else join(blocks)
+        if time_order.is_in_order(times, written):
+            return block
+        return block.take(np.lexsort((written, times)))
+
+    def _merged(self, parts: list[_Parsed], again: npt.NDArray[np.bool_]) -> tuple[list[Row], list[int]]:
+        """Merge the rows whose time stamps others have, from what was written: there, None is not the same as absent.
+
+        Returns:
+            The merged rows, and for each the number of the first one in the order of writing.
+        """
+        found: list[tuple[float, int, Row]] = []
+        start = 0
+        for piece in (piece for part in parts for piece in part.pieces):
+            which = np.flatnonzero(again[start : start + len(piece.payloads)])
+            start += len(piece.payloads)
+            if len(which):
+                chosen = piece.pick(which)
+                decoded = topic_rows.decode(chosen.origin, chosen.payloads, chosen.times_ns, self._decoders)
+                for row, written in zip(decoded, chosen.written.tolist(), strict=True):
+                    if row is not None:
+                        found.append((row[TIME_KEY], written, row))
+        found.sort(key=lambda one: one[:2])
+        merged = topic_rows.merge_same([row for _, _, row in found])
+        first: dict[float, int] = {}
+        for time, written, _ in found:
+            first.setdefault(time, written)
+        return merged, list(first.values())
+
+
+def _clash(one: Block, other: Block) -> bool:
+    """Whether blocks have a column of different kinds, which becomes text: then each number is to be spelled as it was.
+
+    A column that holds integers and doubles has doubles.
+    """
+    shared = one.columns.keys() & other.columns.keys()
+    return any(_differ(one.columns[name].array.type, other.columns[name].array.type) for name in shared)
+
+
+def _differ(one: pa.DataType, other: pa.DataType) -> bool:
+    if pa.types.is_null(one) or pa.types.is_null(other):
+        return False
+    if isinstance(one, _LISTS) and isinstance(other, _LISTS):
+        return _differ(one.value_type, other.value_type)
+    are_numbers = [pa.types.is_integer(type_) or pa.types.is_floating(type_) for type_ in (one, other)]
+    return bool(one != other and not all(are_numbers))
+
+
+def _picked(pieces: list[_Piece], which: npt.NDArray[np.intp]) -> list[_Piece]:
+    """Return some of the messages of pieces that lie one behind the other."""
+    picked: list[_Piece] = []
+    start = 0
+    for piece in pieces:
+        low, high = np.searchsorted(which, [start, start + len(piece.payloads)])
+        if low < high:
+            picked.append(piece.pick(which[low:high] - start))
+        start += len(piece.payloads)
+    return picked
+
+
+def _chosen(blocks: list[Block], keep: npt.NDArray[np.bool_]) -> list[Block]:
+    """Take the rows to keep out of blocks that lie one behind the other; blocks without any are left out."""
+    chosen: list[Block] = []
+    start = 0
+    for block in blocks:
+        which = np.flatnonzero(keep[start : start + block.count])
+        start += block.count
+        if len(which):
+            chosen.append(block if len(which) == block.count else block.take(which))
+    return chosen
+
+
+def _merges(origin: Origin) -> bool:
+    return origin.channel.metadata.get(KIND_KEY) == TRACK
+
+
+def _with_side_key(payloads: list[bytes], text: bytes) -> npt.NDArray[np.intp]:
+    """Return the numbers of the payloads in which the side key's name stands somewhere."""
+    return np.array([at for at, one in enumerate(payloads) if _EXACT in one] if _EXACT in text else [], np.intp)
+
+
+def _times(column: Any, times_ns: npt.NDArray[np.uint64]) -> npt.NDArray[np.float64]:
+    """Return the exact time stamps: those of the rows, and the log times where those are something else."""
+    if column is None or not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
+        return np.array(clock.to_seconds_each(times_ns.tolist()))
+    if column.null_count:
+        column = column.fill_null(-1)
+    said: npt.NDArray[np.float64] = same_bytes.to_numpy(column).astype(np.float64)
+    others = np.flatnonzero(~time_order.is_close(said, times_ns))
+    if len(others):
+        said = said.copy()
+        said[others] = clock.to_seconds_each(times_ns[others].tolist())
+    return said
+
+
+def _repeated(times: npt.NDArray[np.float64], among: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Tell which of some times occur more than once, [N]."""
+    again = np.zeros(len(times), np.bool_)
+    which = np.flatnonzero(among)
+    chosen = times[which]
+    if len(chosen) < 2 or bool((chosen[:-1] < chosen[1:]).all()):
+        return again
+    order = np.argsort(chosen, kind="stable")
+    same = np.diff(chosen[order]) == 0
+    again[which[order[1:][same]]] = True
+    again[which[order[:-1][same]]] = True
+    return again

@@ -1,0 +1,194 @@
+"""One topic's messages out of many chunks and files, in time order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from ..mcap.chunk_reader import Messages
+from ..mcap.file_index import ReindexedError
+from ..mcap.records import Channel, Chunk
+from ..rows import read_ahead
+from . import plan, time_order
+from .file import File
+from .plan import Located
+
+LAST_NS = 2**64 - 1
+"""The last time that MCAP can say, in ns."""
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where a message came from."""
+
+    file: File
+    channel: Channel
+    chunk: Chunk
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """Messages of one channel, as they were cut out of one chunk."""
+
+    messages: Messages
+    rank: int
+    """Of their chunk in the order of writing."""
+    origin: Origin
+
+    @property
+    def times_ns(self) -> npt.NDArray[np.uint64]:
+        """Their log times."""
+        return self.messages.times_ns
+
+    @property
+    def written(self) -> npt.NDArray[np.int64]:
+        """Numbers that grow in the order of writing, over all chunks and files."""
+        return (self.rank << 32) + self.messages.offsets
+
+    def pick(self, which: npt.NDArray[np.intp]) -> Cut:
+        """Return some of them."""
+        return Cut(self.messages.pick(which), self.rank, self.origin)
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Messages in the order of their log times; those of one time in the order of writing."""
+
+    times_ns: npt.NDArray[np.uint64]
+    published_ns: npt.NDArray[np.uint64]
+    sequences: npt.NDArray[np.uint32]
+    payloads: list[bytes]
+    origins: list[Origin]
+    origin_of: npt.NDArray[np.intp]
+    """For each message, which of `origins`."""
+
+
+Work = TypeVar("Work")
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """A chunk whose bytes have been read."""
+
+    file: File
+    channels: Sequence[Channel]
+    located: Located
+    record: memoryview
+    """From the chunk's start to the end of its message indexes."""
+
+
+def read(files: Sequence[File], topic: str, start_ns: int, end_ns: int) -> Iterator[Batch]:
+    """Read a topic's messages with log times in [start_ns, end_ns].
+
+    Messages of one log time are always in one batch. Memory holds the chunks that overlap in time and a few that are
+    unpacked ahead, not the topic.
+
+    Args:
+        files: In the order of writing.
+        topic: Its name.
+        start_ns: First log time, in ns.
+        end_ns: Last log time, included, in ns.
+    """
+    for cuts in time_order.in_time(cut(files, topic, start_ns, end_ns, lambda found: found)):
+        yield merge(cuts)
+
+
+def cut(
+    files: Sequence[File], topic: str, start_ns: int, end_ns: int, work: Callable[[Cut], Work]
+) -> Iterator[tuple[int, list[Work]]]:
+    """Cut a topic's messages out of each chunk that holds some, by the chunks' start times.
+
+    Args:
+        files: In the order of writing.
+        topic: Its name.
+        start_ns: First log time, in ns.
+        end_ns: Last log time, included, in ns.
+        work: What to make of the messages of a channel and chunk; called on several threads.
+
+    Yields:
+        The chunk's first log time, and what `work` made.
+    """
+    if start_ns <= 0 and end_ns >= LAST_NS:
+        for file in files:
+            file.survey()
+    done: set[tuple[int, int]] = set()
+    while True:
+        try:
+            for key, found in _cut(files, topic, start_ns, end_ns, work, done):
+                done.add(key)
+                yield found
+        except ReindexedError:
+            continue
+        return
+
+
+def _cut(
+    files: Sequence[File],
+    topic: str,
+    start_ns: int,
+    end_ns: int,
+    work: Callable[[Cut], Work],
+    done: Collection[tuple[int, int]],
+) -> Iterator[tuple[tuple[int, int], tuple[int, list[Work]]]]:
+    """Do what `cut` does by the indexes as they are now.
+
+    The other arguments are those of `cut`.
+
+    Args:
+        done: The chunks to leave out, each as its file's number and where it lies in it.
+
+    Yields:
+        Which chunk, and what `cut` yields for it.
+    """
+    indexes = [file.index for file in files]
+    channels = [index.channels_of(topic) for index in indexes]
+
+    def jobs() -> Iterator[_Job]:
+        for span in plan.spans(indexes, channels, start_ns, end_ns):
+            file = files[span.file]
+            data = memoryview(file.read_span(span.offset, span.length))
+            for located in span.chunks:
+                start = located.chunk.offset - span.offset
+                record = data[start : located.end - span.offset]
+                if (span.file, located.chunk.offset) not in done:
+                    yield _Job(file, list(channels[span.file].values()), located, record)
+
+    def do(job: _Job) -> tuple[tuple[int, int], tuple[int, list[Work]]]:
+        chunk = job.located.chunk
+        key = (job.located.file, chunk.offset)
+        return key, (chunk.start_ns, [work(found) for found in _cut_out(job, start_ns, end_ns)])
+
+    return read_ahead.in_order(do, jobs(), weigh=lambda job: job.located.chunk.uncompressed_size)
+
+
+def _cut_out(job: _Job, start_ns: int, end_ns: int) -> Iterator[Cut]:
+    file, chunk = job.file, job.located.chunk
+    channels = {one.id: one for one in job.channels if not chunk.indexed or one.id in chunk.message_index_offsets}
+    for messages in file.cut(chunk, channels, start_ns, end_ns, job.record) if channels else ():
+        yield Cut(messages, job.located.rank, Origin(file, channels[messages.channel_id], chunk))
+
+
+def merge(cuts: Sequence[Cut]) -> Batch:
+    """Bring the messages of several chunks into time order."""
+    times = np.concatenate([one.times_ns for one in cuts])
+    written = np.concatenate([one.written for one in cuts])
+    origin_of = np.repeat(np.arange(len(cuts)), [len(one.messages) for one in cuts])
+    published = np.concatenate([one.messages.published_ns for one in cuts])
+    sequences = np.concatenate([one.messages.sequences for one in cuts])
+    payloads = [payload for one in cuts for payload in one.messages.payloads]
+    origins = [one.origin for one in cuts]
+    if time_order.is_in_order(times, written):
+        return Batch(times, published, sequences, payloads, origins, origin_of)
+    order = np.lexsort((written, times))
+    return Batch(
+        times[order],
+        published[order],
+        sequences[order],
+        [payloads[i] for i in order.tolist()],
+        origins,
+        origin_of[order],
+    )

@@ -1,1 +1,0 @@
-"""From files to rows: which bytes, what is in them, in which order."""

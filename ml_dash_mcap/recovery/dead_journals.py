@@ -1,0 +1,101 @@
+"""The buffers that a dead recorder left behind: which they are, and what is in them."""
+
+from __future__ import annotations
+
+import glob
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..capture.channels import ChannelInfo
+from ..errors import DamagedFileError
+from ..file_names import JOURNAL_FILE, JOURNAL_RECORD, KIND_KEY, TRACK
+from ..mcap import records as read
+
+
+@dataclass(slots=True)
+class Leftover:
+    """A journal buffer of a dead recorder."""
+
+    path: Path
+    data: bytes
+    begin: int
+    """Where in it the first record starts."""
+    end: int
+    """Where the last sound one ends."""
+    session: str | None = None
+    block: int = -1
+    """Its number among the session's blocks with rows."""
+    starts: list[int] = field(default_factory=list)
+    gaps: list[tuple[int, int]] = field(default_factory=list)
+    extras: list[tuple[int, int]] = field(default_factory=list)
+    channels: dict[int, ChannelInfo] = field(default_factory=dict)
+
+    def take(self, opcode: int, at: int, end: int, schemas: dict[int, read.Schema]) -> None:
+        """Take in one record.
+
+        Raises:
+            DamagedFileError: It contradicts itself.
+        """
+        if opcode == read.Opcode.MESSAGE:
+            self.starts.append(at)
+            return
+        fields = read.Fields(self.data, str(self.path), 0, at + read.PREFIX_BYTES, end)
+        if opcode == read.Opcode.SCHEMA:
+            schema = read.schema(fields)
+            schemas[schema.id] = schema
+        elif opcode == read.Opcode.CHANNEL:
+            info = _channel_info(read.channel(fields), schemas)
+            self.channels[info.number] = info
+        elif opcode == read.Opcode.METADATA:
+            found = read.metadata(fields)
+            if found.name == JOURNAL_RECORD:
+                self.session, self.block = found.values["session"], int(found.values["block"])
+            else:
+                self.extras.append((at, end))
+        self.gaps.append((at, end))
+
+
+def paths_of(pattern: str, session: str) -> list[str]:
+    """Return the session's buffers; a session file from outside may name those of others, who may be alive."""
+    folder, _, name = pattern.rpartition("/")
+    if not session.isalnum() or name != JOURNAL_FILE.format(session=session, number="*"):
+        return []
+    return [found for found in glob.glob(f"{glob.escape(folder)}/{name}") if os.path.isfile(found)]
+
+
+def read_all(paths: list[Path], session: str) -> list[Leftover]:
+    """Read the buffers that hold something, in the order in which they were filled."""
+    found = [_read_one(path, session) for path in paths]
+    return sorted((one for one in found if one is not None), key=lambda one: (one.block, bool(one.starts)))
+
+
+def _read_one(path: Path, session: str) -> Leftover | None:
+    """Walk a buffer's records up to the first byte that begins none; None where nothing was recorded in it."""
+    data = path.read_bytes()
+    if not data.startswith(read.MAGIC):
+        return None
+    found = Leftover(path, data, begin=len(read.MAGIC), end=len(read.MAGIC))
+    schemas: dict[int, read.Schema] = {}
+    while found.end + read.PREFIX_BYTES <= len(data):
+        at = found.end
+        opcode, length = read.prefix(data, at)
+        end = at + read.PREFIX_BYTES + length
+        if opcode == 0 or end > len(data):
+            break
+        try:
+            found.take(opcode, at, end, schemas)
+        except DamagedFileError:  # the machine did this, not the recorder; what came before is whole
+            break
+        found.end = end
+    return found if found.session == session and (found.starts or found.extras) else None
+
+
+def _channel_info(channel: read.Channel, schemas: dict[int, read.Schema]) -> ChannelInfo:
+    metadata = dict(channel.metadata)
+    kind = metadata.pop(KIND_KEY, TRACK)
+    schema = schemas[channel.schema_id]
+    said = json.loads(schema.data)
+    fixed = said if "properties" in said else None  # an inferred one is still bare in the journal
+    return ChannelInfo(channel.id, channel.topic, kind, metadata, fixed, schema.name)

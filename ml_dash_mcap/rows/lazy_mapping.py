@@ -1,0 +1,62 @@
+"""Names to values that are made when they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import TypeVar
+
+from ..errors import NotFoundError
+from ..suggestions import hint
+
+Value = TypeVar("Value")
+
+
+class Lookup(Mapping[str, Value]):
+    """A read-only mapping; each value is made anew when it is asked for.
+
+    Example:
+        >>> lookup = Lookup("topic", ["imu", "robot"], len)
+        >>> lookup["robot"]
+        5
+    """
+
+    def __init__(self, what: str, names: Iterable[str], make: Callable[[str], Value], where: str = "") -> None:
+        """Make a mapping.
+
+        Args:
+            what: What a name stands for, for the error messages.
+            names: Its keys, in the order in which they are iterated.
+            make: Returns the value of a name.
+            where: What was looked through, for the error messages, such as the recording's path.
+        """
+        self._what = what
+        self._names = dict.fromkeys(names)
+        self._make = make
+        self._where = where
+
+    def __getitem__(self, name: str) -> Value:
+        """Make the value of a name.
+
+        Raises:
+            NotFoundError: There is no such name; the message names similar ones. Also a KeyError.
+        """
+        if name not in self._names:
+            raise not_found(self._what, name, self._names, self._where)
+        return self._make(name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __repr__(self) -> str:
+        return f"<{self._what}s: {', '.join(self._names) or 'none'}>"
+
+
+def not_found(what: str, name: object, names: Iterable[str], where: str = "") -> NotFoundError:
+    """Return the error for a name that is not there, with the names that look most like it, and where it was sought."""
+    return NotFoundError(f"no {what} {name!r} in the recording; {hint(name, names)}" + (f" ({where})" if where else ""))

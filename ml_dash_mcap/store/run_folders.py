@@ -1,0 +1,47 @@
+"""Folders of runs, told by the names of the files in them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from fnmatch import fnmatch
+from itertools import islice
+from pathlib import Path
+
+from ..file_names import ACTIVE_SUFFIX, DEFAULT_ROOTS, SEGMENT_SUFFIX, SESSION_GLOB
+
+
+def is_segment(name: str) -> bool:
+    """Whether a file's name is that of an MCAP file, finished or in progress; hidden files are none."""
+    return name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX) and not name.startswith(".")
+
+
+def holds_run(names: Iterable[str]) -> bool:
+    """Whether files with these names make a run: MCAP files, or what a recorder keeps before it writes one."""
+    return any(is_segment(name) or is_session(name) for name in names)
+
+
+def is_session(name: str) -> bool:
+    """Whether a file's name is that of what a recorder keeps while it records."""
+    return fnmatch(name, SESSION_GLOB)
+
+
+def runs_below(root: Path, *, depth: int | None = None, most: int | None = None) -> Iterator[Path]:
+    """Yield a folder and those below it that hold a run, sorted by path.
+
+    Hidden folders are left out, except those that `Experiment` and `Session` record to by default.
+
+    Args:
+        root: Where to begin, hidden or not.
+        depth: How many folders down to look; None for all.
+        most: How many folders to look at; None for all.
+    """
+    for folder, names, files in islice(os.walk(root), most):
+        level = len(Path(folder).relative_to(root).parts)
+        names[:] = sorted(filter(_is_searched, names)) if depth is None or level < depth else []
+        if holds_run(files):
+            yield Path(folder)
+
+
+def _is_searched(name: str) -> bool:
+    return not name.startswith(".") or name in DEFAULT_ROOTS

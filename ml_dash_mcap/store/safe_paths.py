@@ -1,0 +1,87 @@
+"""Names that become folders and files, checked so that none leaves its root."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from ..errors import PrefixError, UsageError
+
+LONGEST_COMPONENT_BYTES = 255
+"""What Linux, macOS and Windows file systems take for one folder or file name."""
+
+_DRIVE = re.compile(r"[A-Za-z]:")
+
+
+def place(given: object, what: str) -> Path:
+    """Return a path that a user gave, `~` being their home.
+
+    Args:
+        given: Text or a path.
+        what: What it is, for the error message: "path", "dest", ...
+
+    Raises:
+        UsageError: It is neither.
+    """
+    if not isinstance(given, (str, os.PathLike)):
+        raise UsageError(f"{what}={given!r} is of type {type(given).__name__}; pass a path, as text or a Path")
+    return Path(given).expanduser()
+
+
+def run_folder(root: str | os.PathLike[str], prefix: str) -> Path:
+    """Return the folder of a run, `<root>/<prefix>`.
+
+    Args:
+        root: The folder of all recordings.
+        prefix: Names joined by `/`, such as "alice/franka/pick-place".
+
+    Raises:
+        PrefixError: The prefix is empty, absolute, leaves the root or cannot be a folder's name.
+        UsageError: The prefix is not text.
+    """
+    return Path(root).joinpath(*components(prefix, "prefix"))
+
+
+def components(name: str, what: str) -> list[str]:
+    """Split a name at its slashes into the folder and file names that it stands for, checking each.
+
+    Args:
+        name: Relative, with `/` between its parts on every system.
+        what: What the name is, for the error message: "prefix", "file name", ...
+
+    Raises:
+        PrefixError: See `run_folder`.
+        UsageError: The name is not text.
+    """
+    if not isinstance(name, str):
+        raise UsageError(f"{what}={name!r} is of type {type(name).__name__}; pass text such as 'alice/franka/demo'")
+    if not name:
+        raise PrefixError(f"{what}={name!r} is empty; pass text such as 'alice/franka/demo'")
+    if name.startswith("/") or _DRIVE.match(name):
+        raise PrefixError(f"{what}={name!r} is an absolute path; pass one that is relative to its root folder")
+    parts = name.split("/")
+    for part in parts:
+        trouble = _trouble(part)
+        if trouble:
+            raise PrefixError(f"{what}={name!r} {trouble}")
+    return parts
+
+
+def _trouble(part: str) -> str:
+    """What keeps one part of a name from being a folder's or file's name; empty if nothing does."""
+    if not part:
+        return "has an empty part; put one slash between its parts, none at the end"
+    if part in (".", ".."):
+        return f"has the part {part!r}, which could leave the root folder; spell the parts out"
+    if "\\" in part:
+        return "has a backslash, which separates folders on Windows; use '/'"
+    if "\0" in part:
+        return "has a NUL character, which no file system takes"
+    try:
+        length = len(part.encode())
+    except UnicodeEncodeError:
+        return "has a lone surrogate, which is not text"
+    if length > LONGEST_COMPONENT_BYTES:
+        return f"has a part of {length} bytes; file systems take {LONGEST_COMPONENT_BYTES} (it starts {part[:20]!r})"
+    return ""

@@ -1,1 +1,0 @@
-"""From rows in memory to segments on disk."""
