@@ -16,7 +16,7 @@ Payload = bytes | memoryview
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class Connection:
     """Messages of one type on one topic, or on one connection to it."""
 
     topic: str

@@ -14,7 +14,7 @@ from mcap.records import Channel as ChannelRecord
 from ..version import LIBRARY
 from . import record_bytes
 from .chunk_writer import Chunk, Compressor, build
-from .message import Channel, MessageBlock, Payload
+from .message import Connection, MessageBlock, Payload
 from .row_arrays import Rows
 from .segment import Contents
 
@@ -48,7 +48,7 @@ class MessageFile:
         )
         self._write(self.contents.schemas[number])
 
-    def add_channel(self, number: int, channel: Channel, schema_id: int | None = None) -> None:
+    def add_channel(self, number: int, channel: Connection, schema_id: int | None = None) -> None:
         """Write a channel, and its schema if none before it is the same.
 
         Args:

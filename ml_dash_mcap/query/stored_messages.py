@@ -9,7 +9,7 @@ import numpy as np
 
 from ..mcap.chunk_reader import MESSAGE_HEAD, Messages
 from ..mcap.file_index import ReindexedError
-from ..mcap.message import Channel, MessageBlock
+from ..mcap.message import Connection, MessageBlock
 from ..mcap.records import LOOSE, Chunk
 from ..rows import read_ahead
 from . import attachments as found_attachments
@@ -37,14 +37,14 @@ class StoredChunk(NamedTuple):
     """Those of each channel, by their offsets in the chunk's records."""
 
 
-def channels(file: File) -> dict[int, Channel]:
+def channels(file: File) -> dict[int, Connection]:
     """Return a file's channels, by their ids."""
     found = {}
     for number, channel in sorted(file.index.channels.items()):
         schema = file.index.schema_of(channel)
         name, encoding, data = ("", "", b"") if schema is None else (schema.name, schema.encoding, schema.data)
         metadata = tuple(channel.metadata.items())
-        found[number] = Channel(channel.topic, name, encoding, data, channel.message_encoding, metadata)
+        found[number] = Connection(channel.topic, name, encoding, data, channel.message_encoding, metadata)
     return found
 
 

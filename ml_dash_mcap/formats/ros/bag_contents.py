@@ -11,7 +11,7 @@ import numpy as np
 import zstandard
 
 from ...errors import DamagedFileError
-from ...mcap.message import Channel, MessageBlock, Payload
+from ...mcap.message import Connection, MessageBlock, Payload
 
 
 class BagFile(Protocol):
@@ -21,7 +21,7 @@ class BagFile(Protocol):
     """Without its folder and what says that it is compressed."""
 
     @property
-    def channels(self) -> Mapping[int, Channel]:
+    def channels(self) -> Mapping[int, Connection]:
         """All channels by their numbers in the file, also those without messages."""
 
     @property
@@ -60,7 +60,7 @@ class Bag(Protocol):
     """Of the whole `metadata.yaml`; empty if there is none."""
     custom: Mapping[str, str]
     """What somebody wrote about the bag, by key."""
-    channels: list[Channel]
+    channels: list[Connection]
     """Those of all files, each once."""
     count: int
     """Messages in all."""
@@ -109,12 +109,12 @@ def unpacked(block: MessageBlock, path: Path, losses: list[str] | None) -> Messa
 class Batch(NamedTuple):
     """Messages of one channel, in the order of the bag."""
 
-    channel: Channel
+    channel: Connection
     times_ns: list[int]
     payloads: list[bytes]
 
 
-def batches(file: BagFile, wanted: Collection[Channel]) -> Iterator[Batch]:
+def batches(file: BagFile, wanted: Collection[Connection]) -> Iterator[Batch]:
     """Yield a file's messages of some channels, those of a block and channel together."""
     numbers = {number for number, channel in file.channels.items() if channel in wanted}
     for block in file.blocks(numbers):

@@ -15,7 +15,7 @@ import zstandard
 
 from ...errors import ConversionWarning, DamagedFileError, EncodingError, MissingRecordingError
 from ...mcap.limits import DEFAULT, Limits
-from ...mcap.message import Channel
+from ...mcap.message import Connection
 from . import bag_information
 from .bag_contents import BagFile
 from .bag_mcap.read import McapBag
@@ -139,7 +139,7 @@ class FolderBag:
         kind = str(self.folder.information.get("compression_format") or "").lower()
         if self._mode == "message" and kind not in ("", "zstd"):
             raise EncodingError(f"{path}: its messages are compressed by {kind!r}; only zstd is known here")
-        found: dict[Channel, None] = {}
+        found: dict[Connection, None] = {}
         self.count = 0
         self._closed_files: dict[Path, Exception] = {}
         """Files that cannot be opened, which are left out."""

@@ -13,7 +13,7 @@ from ...codecs.ros import standard_types
 from ...codecs.ros.message_columns import Struct
 from ...errors import ConversionError, ConversionWarning, OptionError
 from ...file_names import MESSAGE, TRACK
-from ...mcap.message import Channel
+from ...mcap.message import Connection
 from ...query import counts, exact_blocks
 from ...rows.encode import TIME_KEY
 from ..export_job import Job
@@ -91,7 +91,7 @@ class Outlet:
     digest: str
     struct: Struct = field(repr=False)
     """How its messages are serialised; without fields for those that are carried."""
-    carried: Channel | None = field(default=None, repr=False)
+    carried: Connection | None = field(default=None, repr=False)
     """What a topic is whose messages are carried as they are."""
 
 

@@ -10,7 +10,7 @@ from ...codecs.decoding import Decoding
 from ...codecs.ros.definition_sources import Supply, complete
 from ...codecs.ros.distros import Likely
 from ...errors import ConversionWarning, EncodingError
-from ...mcap.message import Channel
+from ...mcap.message import Connection
 
 
 class Types:
@@ -26,20 +26,20 @@ class Types:
         self.decoding = decoding
         self.likely = likely
         self._supply = Supply(decoding.definitions)
-        self._known: dict[Channel, Channel] = {}
+        self._known: dict[Connection, Connection] = {}
 
-    def described(self, channel: Channel) -> Channel:
+    def described(self, channel: Connection) -> Connection:
         """Return a channel with its type's definition: the caller's, the bag's own, or else ROS's."""
         if channel not in self._known:
             self._known[channel] = self._described(channel)
         return self._known[channel]
 
-    def is_unknown(self, channel: Channel) -> bool:
+    def is_unknown(self, channel: Connection) -> bool:
         """Whether nobody knows what its messages, which are ROS's, are made of."""
         described = self.described(channel)
         return channel.message_encoding in ("cdr", "ros1") and not (described.definition or described.schema_encoding)
 
-    def name_unknown(self, channel: Channel) -> None:
+    def name_unknown(self, channel: Connection) -> None:
         """Say that nobody knows a type of which there are messages.
 
         Raises:
@@ -54,7 +54,7 @@ class Types:
             raise EncodingError(f"{what}; {how}, or on_unknown='skip' to leave it out, or 'bytes' to keep its bytes")
         warnings.warn(f"{what}; its messages are kept as bytes; {how}", ConversionWarning, stacklevel=2)
 
-    def _described(self, channel: Channel) -> Channel:
+    def _described(self, channel: Connection) -> Connection:
         if channel.message_encoding not in ("cdr", "ros1"):
             return channel
         encoding = "ros1msg" if channel.is_ros1 else "ros2msg"
@@ -79,7 +79,7 @@ class Types:
             )
         return replace(channel, schema_encoding=encoding, definition=found.text.encode())
 
-    def _completed(self, channel: Channel, digest: str) -> Channel:
+    def _completed(self, channel: Connection, digest: str) -> Connection:
         """Return a channel whose definition is the caller's, or has those of the caller's types that it lacks."""
         supply = replace(self._supply, likely=self.likely, is_ros1=channel.is_ros1, digest=digest)
         given = self._supply.text(channel.type)

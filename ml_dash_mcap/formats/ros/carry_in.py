@@ -16,7 +16,7 @@ from ...file_names import BAG_RECORD, SEGMENT_SUFFIX, is_like_a_bomb
 from ...mcap import record_bytes as written
 from ...mcap import records
 from ...mcap.chunk_writer import Chunk, compressor
-from ...mcap.message import Channel, MessageBlock
+from ...mcap.message import Connection, MessageBlock
 from ...mcap.message_file import MOST_CHANNELS, MessageFile, pack
 from ...mcap.record_fields import Fields
 from ...options import RecorderOptions
@@ -40,7 +40,7 @@ class Carrier:
         folder: Path,
         prefix: str,
         types: Types,
-        wanted: Collection[Channel],
+        wanted: Collection[Connection],
         *,
         keeps_all_files: bool,
     ) -> None:
@@ -155,7 +155,7 @@ class Carrier:
                 self._types.name_unknown(channel)
 
 
-def _has(channel: Channel, schema: records.Schema) -> bool:
+def _has(channel: Connection, schema: records.Schema) -> bool:
     """Whether a channel's type is what a schema says."""
     known = (channel.type, channel.schema_encoding, channel.definition)
     return known == (schema.name, schema.encoding, schema.data)

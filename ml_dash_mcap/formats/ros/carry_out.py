@@ -14,7 +14,7 @@ from ... import clock
 from ...codecs.ros.message_columns import Struct
 from ...errors import ConversionError, ConversionWarning
 from ...file_names import ABOUT_RECORD, BAG_RECORD
-from ...mcap.message import CHUNK_BYTES, Channel, MessageBlock, Payload
+from ...mcap.message import CHUNK_BYTES, Connection, MessageBlock, Payload
 from ...mcap.records import Metadata
 from ...query import counts, stored_messages, topic_rows
 from ...query.file import File
@@ -110,7 +110,7 @@ class Carried:
         known: dict[object, int | None] = {}
         for file in job.files:
             numbers: dict[int, int] = {}
-            repeated: Counter[Channel] = Counter()
+            repeated: Counter[Connection] = Counter()
             for channel_id, channel in stored_messages.channels(file).items():
                 if channel.topic not in names:
                     continue
@@ -149,7 +149,7 @@ class Carried:
         """Those that have messages for the bag."""
         return [file for file, numbers in zip(self._job.files, self._numbers, strict=True) if numbers]
 
-    def _add_profiles(self, number: int, channel: Channel) -> None:
+    def _add_profiles(self, number: int, channel: Connection) -> None:
         """Add what a topic is offered with in another file to what is known of it."""
         outlet = self.outlets[number - 1]
         if outlet.carried is None or channel.is_ros1:
@@ -160,7 +160,7 @@ class Carried:
             carried = replace(outlet.carried, metadata=tuple(metadata.items()))
             self.outlets[number - 1] = replace(outlet, carried=carried)
 
-    def _add(self, channel: Channel, number: int) -> int | None:
+    def _add(self, channel: Connection, number: int) -> int | None:
         """Make an outlet of a channel; returns its number, or None for what the other generation cannot say."""
         if not channel.is_ros1 and OFFERED not in dict(channel.metadata):
             profiles = self._origin.profiles.get(channel.topic, "")
@@ -178,7 +178,7 @@ class Carried:
         self.outlets.append(Outlet(number, channel.topic, channel.type, channel.text, digest, _NOT_SERIALISED, channel))
         return number
 
-    def _translated(self, channel: Channel, number: int) -> Channel:
+    def _translated(self, channel: Connection, number: int) -> Connection:
         """Return a channel as the other generation of ROS has it.
 
         Raises:
@@ -201,7 +201,7 @@ class Carried:
             metadata = {"topic_type_hash": found.digest}
             if "latching" in before:
                 metadata["latching"] = before["latching"]
-        return Channel(
+        return Connection(
             channel.topic,
             found.type,
             "ros1msg" if self._is_ros1 else "ros2msg",
@@ -264,7 +264,7 @@ def warn_of_beside(files: list[File], where: str) -> None:
         warnings.warn(what, ConversionWarning, stacklevel=3)
 
 
-def _merged(channel: Channel) -> Channel:
+def _merged(channel: Connection) -> Connection:
     """Return what tells channels apart in a rosbag2: it knows a topic's type, and not who sent what."""
     return replace(channel, metadata=())
 

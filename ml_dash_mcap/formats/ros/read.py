@@ -11,7 +11,7 @@ from ...codecs.decoding import decoding
 from ...codecs.ros import distros
 from ...errors import ConversionWarning, DamagedFileError, OptionError, StorageError, UsageError
 from ...mcap.limits import DEFAULT, Limits
-from ...mcap.message import Channel
+from ...mcap.message import Connection
 from ...recorder import Recorder
 from . import bag_folder, bag_information, lossless_definitions
 from .bag_contents import Bag, batches
@@ -242,7 +242,7 @@ class _Conversion:
         if self._progress is not None:
             self._progress(self._done, self._bag.count)
 
-    def _left_out(self, channels: Collection[Channel]) -> set[Channel]:
+    def _left_out(self, channels: Collection[Connection]) -> set[Connection]:
         unknown = {channel for channel in channels if self._types.is_unknown(channel)}
         for channel in sorted(unknown, key=lambda one: one.topic):
             what = f"topic {channel.topic!r} of type {channel.type!r}: nobody knows what its messages are made of"

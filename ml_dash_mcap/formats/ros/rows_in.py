@@ -13,9 +13,8 @@ from ...codecs import decode
 from ...codecs.ros.unpack import unpack
 from ...errors import DamagedFileError
 from ...file_names import MESSAGE, TRACK
-from ...mcap.message import Channel
-from ...mcap.records import Channel as McapChannel
-from ...mcap.records import Schema
+from ...mcap.message import Connection
+from ...mcap.records import Channel, Schema
 from ...query.time_order import TOLERANCE_NS
 from ...recorder import Recorder
 from ...rows.encode import TIME_KEY
@@ -37,7 +36,7 @@ class Origins:
     def __init__(self, bag: Bag) -> None:
         """Look at a bag's definitions, and at what its metadata say."""
         self.metadata = _metadata(bag.custom)
-        self.own: dict[Channel, Message] = {}
+        self.own: dict[Connection, Message] = {}
         """Channels with messages that say all that our rows said, and what these look like."""
         self._derived: set[str] = set(self.metadata.get("derived", {}))
         for channel in bag.channels:
@@ -50,11 +49,11 @@ class Origins:
                 self.own[channel] = message
                 self._derived.update(message.about.get("derived", ()))
 
-    def is_derived(self, channel: Channel) -> bool:
+    def is_derived(self, channel: Connection) -> bool:
         """Whether a channel has standard messages that say again what one of ours says."""
         return bool(self.own) and channel not in self.own and channel.topic in self._derived
 
-    def name(self, channel: Channel) -> str:
+    def name(self, channel: Connection) -> str:
         """Return what a topic is called in the recording."""
         message = self.own.get(channel)
         if message is None:
@@ -62,7 +61,7 @@ class Origins:
         name = self.metadata.get("topics", {}).get(channel.topic) or message.about.get("topic")
         return name if isinstance(name, str) else channel.topic.removeprefix("/")
 
-    def chosen(self, channels: Iterable[Channel], wanted: Collection[str] | None) -> set[Channel]:
+    def chosen(self, channels: Iterable[Connection], wanted: Collection[str] | None) -> set[Connection]:
         """Return the channels of some topics, by the bag's names or ours; by default all that are not derived.
 
         Raises:
@@ -87,7 +86,7 @@ class Intake:
         recorder: Recorder,
         origins: Origins,
         types: Types,
-        wanted: Iterable[Channel],
+        wanted: Iterable[Connection],
         uses_header: bool,
         salvages: bool = False,
     ) -> None:
@@ -113,7 +112,7 @@ class Intake:
         self._salvages = salvages
         self.losses: list[str] = []
         """What was left out so far, in words."""
-        self._adders: dict[Channel, Callable[[Batch], None]] = {}
+        self._adders: dict[Connection, Callable[[Batch], None]] = {}
         for channel in wanted:
             self._adders[channel] = (
                 self._own(channel, origins.own[channel]) if channel in origins.own else self._foreign(channel)
@@ -122,7 +121,7 @@ class Intake:
             recorder.set_parameters(origins.metadata["params"])
 
     @property
-    def wanted(self) -> set[Channel]:
+    def wanted(self) -> set[Connection]:
         """The channels whose messages become rows."""
         return set(self._adders)
 
@@ -144,7 +143,7 @@ class Intake:
             for part in (slice(0, middle), slice(middle, None)):
                 self.add(Batch(batch.channel, batch.times_ns[part], batch.payloads[part]))
 
-    def _own(self, channel: Channel, message: Message) -> Callable[[Batch], None]:
+    def _own(self, channel: Connection, message: Message) -> Callable[[Batch], None]:
         """Return what takes messages that say all that our rows said."""
         name = self._origins.name(channel)
         said = {**message.about, **self._origins.metadata.get("about", {}).get(name, {})}
@@ -169,7 +168,7 @@ class Intake:
 
         return add
 
-    def _own_messages(self, channel: Channel, message: Message, topic: MessageTopic) -> Callable[[Batch], None]:
+    def _own_messages(self, channel: Connection, message: Message, topic: MessageTopic) -> Callable[[Batch], None]:
         """Return what takes messages that were no rows of a track in the recording: each stays one, at its time."""
         type_ = lossless.struct(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
 
@@ -182,7 +181,7 @@ class Intake:
 
         return add
 
-    def _foreign(self, channel: Channel) -> Callable[[Batch], None]:
+    def _foreign(self, channel: Connection) -> Callable[[Batch], None]:
         """Return what takes messages of others, each a row of its own."""
         decode_one: decode.Decoder | None = None
         topic = self._recorder._open(channel.topic, MESSAGE, MessageTopic)
@@ -214,12 +213,12 @@ class Intake:
                 which = f"a message of topic {topic!r} from {first_ns} ns to {last_ns} ns"
             raise DamagedFileError(self._src, 0, f"{which} is no {batch.channel.type}: {error}") from error
 
-    def _decoder(self, channel: Channel) -> decode.Decoder:
+    def _decoder(self, channel: Connection) -> decode.Decoder:
         known = self._types.described(channel)
         if self._types.is_unknown(channel):
             self._types.name_unknown(channel)
         schema = Schema(1, known.type, known.schema_encoding, known.definition)
-        record = McapChannel(1, 1, channel.topic, channel.message_encoding, dict(channel.metadata))
+        record = Channel(1, 1, channel.topic, channel.message_encoding, dict(channel.metadata))
         return decode.decoder(record, schema, self._types.decoding, lambda: self._types.likely)
 
 

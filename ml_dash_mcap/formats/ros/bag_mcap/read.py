@@ -8,7 +8,7 @@ from pathlib import Path
 from ....errors import DamagedFileError
 from ....file_names import BAG_RECORD
 from ....mcap.limits import DEFAULT, Limits
-from ....mcap.message import CHUNK_BYTES, Channel, MessageBlock
+from ....mcap.message import CHUNK_BYTES, Connection, MessageBlock
 from ....query import stored_messages
 from ....query.file import File
 from .. import bag_information
@@ -55,7 +55,7 @@ class McapBag:
         self._channels = stored_messages.channels(self.file)
 
     @property
-    def channels(self) -> Mapping[int, Channel]:
+    def channels(self) -> Mapping[int, Connection]:
         """All channels by their ids."""
         return self._channels
 

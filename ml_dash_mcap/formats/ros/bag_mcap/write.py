@@ -14,7 +14,7 @@ import zstandard
 
 from ....mcap import record_bytes
 from ....mcap.chunk_writer import Chunk, Compressor, compressor
-from ....mcap.message import CHUNK_BYTES, Channel, MessageBlock
+from ....mcap.message import CHUNK_BYTES, Connection, MessageBlock
 from ....mcap.message_file import MessageFile, pack
 from ....mcap.record_bytes import MESSAGE_HEAD
 from ....options import RecorderOptions
@@ -150,12 +150,12 @@ class Storage:
         self._file.add_chunk(Chunk(head, data, name, len(block), start_ns, end_ns, indexes, counts))
 
 
-def _channel(outlet: Outlet, qos: str) -> Channel:
+def _channel(outlet: Outlet, qos: str) -> Connection:
     """Return what a topic of the bag is: one that is carried keeps what is known of it."""
     found = outlet.carried
     if found is None:
         metadata = {"offered_qos_profiles": qos, "topic_type_hash": outlet.digest}
-        return Channel(outlet.topic, outlet.type, "ros2msg", outlet.text.encode(), "cdr", tuple(metadata.items()))
+        return Connection(outlet.topic, outlet.type, "ros2msg", outlet.text.encode(), "cdr", tuple(metadata.items()))
     return replace(found, metadata=tuple({**dict(found.metadata), "offered_qos_profiles": qos}.items()))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ....errors import ConversionWarning, DamagedFileError
-from ....mcap.message import Channel, MessageBlock, Payload
+from ....mcap.message import Connection, MessageBlock, Payload
 
 MAGIC = b"#ROSBAG V"
 _VERSION = b"2.0\n"
@@ -97,7 +97,7 @@ class Ros1File:
         self._path = path
         self._salvages = salvages
         self._file = path.open("rb")
-        self.channels: dict[int, Channel] = {}
+        self.channels: dict[int, Connection] = {}
         """All connections, numbered from 1 on; a bag may number them as it likes, up to 2**32."""
         self._numbers: dict[int, int] = {}
         """The bag's numbers of connections, to ours."""
@@ -409,13 +409,13 @@ _UNPACKERS: Mapping[bytes, Callable[[bytes, int], bytes]] = {
 }
 
 
-def _channel(fields: Fields, said: Fields) -> Channel:
+def _channel(fields: Fields, said: Fields) -> Connection:
     """Return the channel of a connection: what its header says, but for the type and its definition, is metadata."""
     text = said.get("message_definition", b"")
     metadata = {name: _lenient(value) for name, value in said.items() if name not in ("type", "message_definition")}
     topic = _text(fields, "topic")
     is_known = bool(text) or metadata.get("md5sum") == _MD5_OF_NOTHING
-    return Channel(topic, _text(said, "type"), "ros1msg" if is_known else "", text, "ros1", tuple(metadata.items()))
+    return Connection(topic, _text(said, "type"), "ros1msg" if is_known else "", text, "ros1", tuple(metadata.items()))
 
 
 def _lenient(value: bytes) -> str:

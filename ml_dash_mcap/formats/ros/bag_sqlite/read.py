@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ....errors import DamagedFileError, MissingRecordingError, StorageError
-from ....mcap.message import Channel, MessageBlock, Payload
+from ....mcap.message import Connection, MessageBlock, Payload
 from ..bag_contents import unpacked
 from . import stored_rows
 from .stored_rows import Row
@@ -78,7 +78,7 @@ class SqliteBag:
             raise
 
     @property
-    def channels(self) -> Mapping[int, Channel]:
+    def channels(self) -> Mapping[int, Connection]:
         """All channels by their numbers: from 1 on, in the order of the ids of their topics."""
         return self._channels
 
@@ -168,7 +168,7 @@ class SqliteBag:
         block = MessageBlock(np.array(numbers, np.int64), times_ns, times_ns, sequences, payloads)
         return unpacked(block, self._path, self.losses if self._salvages else None) if self._is_packed else block
 
-    def _read_channels(self) -> dict[int, Channel]:
+    def _read_channels(self) -> dict[int, Connection]:
         if not {"topics", "messages"} <= self._tables:
             raise DamagedFileError(self._path, 0, "this SQLite file is no bag: it has no tables of topics and messages")
         defined: dict[str, tuple[str, str]] = {}
@@ -178,7 +178,7 @@ class SqliteBag:
         columns = {row[1] for row in self._ask("PRAGMA table_info(topics)")}
         qos, digest = (name if name in columns else "''" for name in ("offered_qos_profiles", "type_description_hash"))
         topics = self._ask(f"SELECT id, name, type, serialization_format, {qos}, {digest} FROM topics ORDER BY id")
-        channels: dict[int, Channel] = {}
+        channels: dict[int, Connection] = {}
         for topic, *row in topics:
             fault = self._topic_fault(topic, *row[:2])
             if fault and not self._salvages:
@@ -244,13 +244,13 @@ def _as_text(value: Any) -> str:
 
 def _channel(
     defined: Mapping[str, tuple[str, str]], topic: str, type_: str, format_: Any, qos: Any, digest: Any
-) -> Channel:
+) -> Connection:
     encoding, text = defined.get(type_, ("", ""))
     is_known = encoding in ("ros2msg", "ros2idl")  # a type without fields has an empty text
     metadata = {"offered_qos_profiles": _as_text(qos)}
     if digest:
         metadata["topic_type_hash"] = _as_text(digest)
-    return Channel(
+    return Connection(
         topic,
         type_,
         encoding if is_known else "",
