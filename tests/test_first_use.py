@@ -13,6 +13,7 @@ import pytest
 import ml_dash_mcap
 from ml_dash_mcap import Experiment, Recorder, Recording, Session, convert, errors, recordings, recover
 from ml_dash_mcap.cli import main
+from tests.support.case_ids import stable_repr
 
 
 @pytest.fixture
@@ -68,7 +69,7 @@ def test_a_prefix_in_place_of_a_path_is_answered_with_the_path(home: Path) -> No
     assert "did you mean" not in message(FileNotFoundError, lambda: Recording("bob/franka/demo"))
 
 
-@pytest.mark.parametrize("given", [5, None, 1.5, b"run", {"path": "run"}.items], ids=repr)
+@pytest.mark.parametrize("given", [5, None, 1.5, b"run", {"path": "run"}.items], ids=stable_repr)
 def test_what_is_no_path_is_refused_with_what_to_pass(home: Path, given: Any) -> None:
     calls: dict[str, Callable[[], object]] = {
         "path=": lambda: recover(given),

@@ -22,6 +22,7 @@ from ml_dash_mcap.experiment import Experiment
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.run.parameters import flatten, nest
 from tests.support import disk
+from tests.support.case_ids import stable_repr
 
 
 @pytest.fixture
@@ -63,7 +64,7 @@ class Config:
         argparse.Namespace(lr=0.1, layers=4),
         types.SimpleNamespace(lr=0.1, layers=4),
     ],
-    ids=repr,
+    ids=stable_repr,
 )
 def test_parameters_may_come_in_a_dict_or_what_is_like_one(exp: Experiment, values: Any) -> None:
     assert exp.params.set(values, layers=5) is exp.params, "names win over the dict"
@@ -73,14 +74,16 @@ def test_parameters_may_come_in_a_dict_or_what_is_like_one(exp: Experiment, valu
     assert on_disk(exp) == expected
 
 
-@pytest.mark.parametrize("values", [5, "lr", [("lr", 0.1)], object()], ids=repr)
+@pytest.mark.parametrize("values", [5, "lr", [("lr", 0.1)], object()], ids=stable_repr)
 def test_parameters_in_what_is_no_dict_are_refused(exp: Experiment, values: Any) -> None:
     with pytest.raises(UsageError, match="pass a dict, or values by name"):
         exp.params.set(values)
     assert exp.params.get() == {}
 
 
-@pytest.mark.parametrize("values", [{1: "a", "1": "b"}, {"a.b": 1, "a": {"b": 2}}, {"x": {1: 2, "1": 3}}], ids=repr)
+@pytest.mark.parametrize(
+    "values", [{1: "a", "1": "b"}, {"a.b": 1, "a": {"b": 2}}, {"x": {1: 2, "1": 3}}], ids=stable_repr
+)
 def test_two_parameters_that_get_one_name_are_refused(exp: Experiment, values: Any) -> None:
     with pytest.raises(FieldError, match="two parameters are called"):
         exp.params.set(values)

@@ -25,6 +25,7 @@ from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.topic import EventTopic
 from tests.support import disk
+from tests.support.case_ids import stable_repr
 
 Row = dict[str, Any]
 
@@ -102,7 +103,10 @@ BAD_FIELDS = [
 
 
 def shortly(row: Row) -> str:
-    return ", ".join(f"{name}={hex(v) if isinstance(v, int) else v!r}"[:40] for name, v in row.items()) or "nothing"
+    return (
+        ", ".join(f"{name}={hex(v) if isinstance(v, int) else stable_repr(v)}"[:40] for name, v in row.items())
+        or "nothing"
+    )
 
 
 def named(cases: list[tuple[Row, type[BaseException], str]]) -> Any:
@@ -148,7 +152,7 @@ def test_a_batch_with_a_bad_row_is_refused_as_a_whole_with_the_number_of_the_row
     assert rows(recorder, "robot/arm") == []
 
 
-@pytest.mark.parametrize("batch", [[5], [None], [["abc"]], [{"q": 1, "_ts": 1.0}, "text"]], ids=repr)
+@pytest.mark.parametrize("batch", [[5], [None], [["abc"]], [{"q": 1, "_ts": 1.0}, "text"]], ids=stable_repr)
 def test_a_batch_of_what_are_no_rows_is_refused(recorder: Recorder, batch: Any) -> None:
     with pytest.raises(FieldError, match="row"):
         recorder.topic("a").append_batch(batch)
@@ -180,7 +184,7 @@ def test_positional_arguments_are_refused(recorder: Recorder) -> None:
         (b"a", TypeError),
         (["a"], TypeError),
     ],
-    ids=lambda value: repr(value)[:20],
+    ids=lambda value: stable_repr(value)[:20],
 )
 def test_a_bad_topic_is_refused(recorder: Recorder, name: Any, builtin: type) -> None:
     with pytest.raises(RecorderError) as caught:

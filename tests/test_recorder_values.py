@@ -26,6 +26,7 @@ from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from tests.support import disk
+from tests.support.case_ids import stable_repr
 
 Row = dict[str, Any]
 
@@ -63,7 +64,7 @@ def rows(recorder: Recorder, topic: str) -> list[Row]:
         (9e9, 9e9),
         (math.nextafter(clock.END_S, 0), math.nextafter(clock.END_S, 0)),
     ],
-    ids=repr,
+    ids=stable_repr,
 )
 def test_every_kind_of_number_is_a_time_stamp(tmp_path: Path, given_: Any, meant: float) -> None:
     with Recorder(tmp_path) as recorder:
@@ -231,7 +232,7 @@ NONFINITE = [
 ]
 
 
-@pytest.mark.parametrize("value", NONFINITE, ids=repr)
+@pytest.mark.parametrize("value", NONFINITE, ids=stable_repr)
 def test_what_is_not_finite_is_null_in_the_file_and_comes_back_exactly(tmp_path: Path, value: Any) -> None:
     with Recorder(tmp_path) as recorder:
         recorder.topic("a").append(v=value, after="null", _ts=1.0)
@@ -409,7 +410,7 @@ def test_columns_are_the_rows_that_append_would_have_taken(
         ({"_ts": [1.0, 2.0], "_exact": [1, 2]}, FieldError),
         ({"_ts": [1.0, 2.0], "x": np.zeros(2, complex)}, FieldError),
     ],
-    ids=lambda value: repr(value)[:40],
+    ids=lambda value: stable_repr(value)[:40],
 )
 def test_bad_columns_are_refused_as_a_whole(recorder: Recorder, bad: dict[str, Any], error: type[Exception]) -> None:
     with pytest.raises(error, match="'a'"):

@@ -18,6 +18,7 @@ from ml_dash_mcap.experiment import Experiment
 from ml_dash_mcap.run.live import Live, Status
 from ml_dash_mcap.run.tracks import Track
 from tests.support import disk
+from tests.support.case_ids import stable_repr
 
 PREFIX = "alice/franka/demo"
 
@@ -68,7 +69,7 @@ class Cancelled(BaseException):
         (SystemExit("no robot"), "failed"),
         (ConnectionError("gone"), "failed"),
     ],
-    ids=repr,
+    ids=stable_repr,
 )
 @pytest.mark.parametrize("api", ["experiment", "session"])
 def test_what_leaves_the_body_says_how_the_run_ended_and_goes_on(

@@ -25,6 +25,7 @@ from ml_dash_mcap.errors import (
     TimestampError,
     UsageError,
 )
+from tests.support.case_ids import stable_repr
 
 
 @pytest.fixture
@@ -124,7 +125,7 @@ def test_a_misspelt_entry_of_a_buffer_config_suggests_the_right_one(tmp_path: Pa
     assert "did you mean 'flush_interval_s'?" in said
 
 
-@pytest.mark.parametrize("options", [{"compression": "lz4"}, "lz4", 5], ids=repr)
+@pytest.mark.parametrize("options", [{"compression": "lz4"}, "lz4", 5], ids=stable_repr)
 def test_options_of_another_type_are_refused_before_anything_is_made(tmp_path: Path, options: Any) -> None:
     for make in (recorder_of, experiment_of, session_of):
         assert "pass RecorderOptions(" in message(UsageError, lambda make=make: make(tmp_path, options=options))  # type: ignore[misc]

@@ -26,6 +26,7 @@ from hypothesis import strategies as st
 from ml_dash_mcap import Recorder, Recording
 from ml_dash_mcap.errors import FieldError
 from ml_dash_mcap.rows.encode import exact
+from tests.support.case_ids import stable_repr
 
 
 class Text(str, enum.Enum):
@@ -297,7 +298,7 @@ def _pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         (float("nan"), "NaN"),
         (-float("inf"), "-Infinity"),
     ],
-    ids=repr,
+    ids=stable_repr,
 )
 def test_a_key_of_numpy_or_of_an_enum_is_what_it_stands_for(tmp_path: Path, key: Any, text: str) -> None:
     with Recorder(tmp_path) as recorder:
@@ -315,7 +316,7 @@ def test_a_key_that_json_has_no_text_for_is_refused(tmp_path: Path, key: Any) ->
 @pytest.mark.parametrize(
     "keys",
     [(1, "1"), (True, "true"), (None, "null"), (1.5, "1.5"), (np.int64(2), "2"), (Plain.A, "plain"), (Text.A, "a")],
-    ids=repr,
+    ids=stable_repr,
 )
 def test_two_keys_of_one_text_are_refused(tmp_path: Path, keys: tuple[Any, Any]) -> None:
     with Recorder(tmp_path) as recorder:

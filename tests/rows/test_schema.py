@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.rows import schema
+from tests.support.case_ids import stable_repr
 from tests.support.row_types import mismatches
 from tests.support.viewer_schema import violations
 
@@ -85,7 +86,7 @@ def test_the_order_of_the_rows_does_not_matter(listed: list[dict[str, Any]], cha
         ([[b"a"]], None),
         ([[1, "a"]], None),
     ],
-    ids=repr,
+    ids=stable_repr,
 )
 def test_what_the_subset_can_say_is_said_and_the_rest_left_out(seen: list[Any], said: Any) -> None:
     found = schema.to_json(schema.infer([{"v": value, "_ts": 1.0} for value in seen]), "t")

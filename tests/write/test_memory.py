@@ -22,6 +22,7 @@ from ml_dash_mcap.capture import merge_block
 from ml_dash_mcap.rows import schema, skeleton
 from ml_dash_mcap.rows.skeleton import Skeletons
 from tests.support import disk
+from tests.support.case_ids import stable_repr
 
 MIB = 1024 * 1024
 
@@ -272,7 +273,7 @@ FAILURES = {
 }
 
 
-@pytest.mark.parametrize("error", [MemoryError(), ValueError("odd"), RecursionError()], ids=repr)
+@pytest.mark.parametrize("error", [MemoryError(), ValueError("odd"), RecursionError()], ids=stable_repr)
 @pytest.mark.parametrize("what", FAILURES)
 def test_what_fails_for_a_block_is_done_row_by_row_and_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, what: str, error: Exception

@@ -19,6 +19,7 @@ from hypothesis.extra import numpy as arrays
 
 from ml_dash_mcap import Recorder, Recording
 from ml_dash_mcap.errors import FieldError
+from tests.support.case_ids import stable_repr
 
 
 @dataclasses.dataclass
@@ -195,7 +196,7 @@ def test_a_masked_array_and_a_dict_of_arrays_stand_beside_anything(tmp_path: Pat
         ({"x": pd.Series(["a"])}, "'x' has 1 rows, but _ts has 2"),
         ({"x": pa.array(["a"])}, "'x' has 1 rows, but _ts has 2"),
     ],
-    ids=lambda value: repr(value)[:40],
+    ids=lambda value: stable_repr(value)[:40],
 )
 def test_a_column_that_is_none_is_named_and_no_row_is_taken(tmp_path: Path, bad: dict[str, Any], name: str) -> None:
     gaps = np.ma.MaskedArray([1.0, 2.0], [0, 1])

@@ -13,6 +13,7 @@ from ml_dash_mcap.errors import OptionError
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from tests.support import disk
+from tests.support.case_ids import stable_repr
 
 BAD: list[tuple[str, Any]] = [
     *[
@@ -33,7 +34,7 @@ BAD: list[tuple[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize(("name", "value"), BAD, ids=lambda value: repr(value)[:20])
+@pytest.mark.parametrize(("name", "value"), BAD, ids=lambda value: stable_repr(value)[:20])
 def test_a_value_that_makes_no_sense_is_refused_by_name(name: str, value: Any) -> None:
     with pytest.raises(OptionError, match=name) as caught:
         RecorderOptions(**{name: value})
@@ -63,7 +64,7 @@ EDGES: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("given", EDGES, ids=repr)
+@pytest.mark.parametrize("given", EDGES, ids=stable_repr)
 def test_the_outermost_values_work(tmp_path: Path, given: dict[str, Any]) -> None:
     with Recorder(tmp_path, RecorderOptions(**given)) as recorder:
         for number in range(50):
@@ -137,7 +138,7 @@ def test_an_unknown_name_is_refused_with_the_names_that_there_are(config: dict[s
         RecorderOptions.from_environment({}, config)
 
 
-@pytest.mark.parametrize("config", [5, "fast", [1]], ids=repr)
+@pytest.mark.parametrize("config", [5, "fast", [1]], ids=stable_repr)
 def test_a_buffer_config_that_is_neither_mapping_nor_object_is_refused(config: Any) -> None:
     with pytest.raises(OptionError):
         RecorderOptions.from_environment({}, config)
