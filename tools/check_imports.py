@@ -39,7 +39,7 @@ HEAVY = {
     "pyarrow": {
         "alignment",
         "formats.mocap.samples",
-        "formats.ros.arrow_blocks",
+        "formats.ros.messages.arrow_blocks",
         "formats.tables.arrow_values",
         "formats.tables.csv.cells",
         "formats.tables.csv.layout",

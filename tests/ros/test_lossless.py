@@ -13,9 +13,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ml_dash_mcap.codecs.ros.message_columns import Constant
 from ml_dash_mcap.codecs.ros.pack import pack
 from ml_dash_mcap.codecs.ros.unpack import unpack
-from ml_dash_mcap.formats.ros import forms, lossless, lossless_definitions, restore
-from ml_dash_mcap.formats.ros.fill import MisfitError, fill
-from ml_dash_mcap.formats.ros.lossless import Message
+from ml_dash_mcap.formats.ros.messages import forms, lossless, lossless_definitions, restore
+from ml_dash_mcap.formats.ros.messages.fill import MisfitError, fill
+from ml_dash_mcap.formats.ros.messages.lossless import Message
 from tests.support.row_shapes import tables, typed
 
 Row = dict[str, Any]

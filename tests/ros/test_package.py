@@ -6,8 +6,8 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
 
-from ml_dash_mcap.formats.ros import interface_package
-from ml_dash_mcap.formats.ros.lossless import Message
+from ml_dash_mcap.formats.ros.messages import interface_package
+from ml_dash_mcap.formats.ros.messages.lossless import Message
 from tests.ros.test_lossless import PACKAGE, designed, timed
 from tests.support import system_python
 

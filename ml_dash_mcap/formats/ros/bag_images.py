@@ -8,7 +8,7 @@ from typing import Any
 
 from ...errors import OptionError
 from ...query.file import File
-from .lossless import Field
+from .messages.lossless import Field
 
 _FILES = "files"
 """The folder in a run's one that `Experiment.files` saves to."""

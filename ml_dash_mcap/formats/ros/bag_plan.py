@@ -18,19 +18,12 @@ from ...query import counts, exact_blocks
 from ...rows.encode import TIME_KEY
 from ..export_job import Job
 from . import (
-    arrow_blocks,
-    conventions,
-    lossless,
-    lossless_definitions,
-    standard,
-    underivable,
-)
-from . import (
     ros_names as names,
 )
-from .forms import Form
-from .lossless import Field, Message
-from .standard import Derived
+from .messages import arrow_blocks, conventions, lossless, lossless_definitions, standard, underivable
+from .messages.forms import Form
+from .messages.lossless import Field, Message
+from .messages.standard import Derived
 
 _MOST_OFFSET_S = 2**33
 """Nanoseconds that a signed 64-bit number holds are more."""

@@ -13,12 +13,13 @@ from ...errors import ConversionWarning, DamagedFileError, OptionError, StorageE
 from ...mcap.limits import DEFAULT, Limits
 from ...mcap.message import Connection
 from ...recorder import Recorder
-from . import bag_folder, bag_information, lossless_definitions
+from . import bag_folder, bag_information
 from .bag_contents import Bag, batches
 from .bag_folder import FolderBag
 from .bag_mcap import read as bag_mcap
 from .bag_types import Types
 from .carry_in import Carrier
+from .messages import lossless_definitions
 from .rows_in import Intake, Origins
 
 Progress = Callable[[int, int], object]

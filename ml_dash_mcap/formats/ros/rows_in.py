@@ -20,10 +20,10 @@ from ...recorder import Recorder
 from ...rows.encode import TIME_KEY
 from ...rows.lazy_mapping import not_found
 from ...topic import MessageTopic
-from . import lossless, lossless_definitions, restore
 from .bag_contents import Bag, Batch
 from .bag_types import Types
-from .lossless import Message
+from .messages import lossless, lossless_definitions, restore
+from .messages.lossless import Message
 
 Row = dict[str, Any]
 

@@ -26,17 +26,18 @@ from ...rows import read_ahead
 from ...rows.encode import TIME_KEY
 from ...rows.table import Block
 from ..export_job import Job
-from . import arrow_blocks as blocks
-from . import bag_images, forms, lossless, ros_names
-from . import interface_package as interfaces
-from . import standard_columns as messages
+from . import bag_images, ros_names
 from .bag_plan import Outlet, Plan, Planner, Settings
 from .carry_out import Carried
-from .context import BadRows
-from .fill import MisfitError, fill
-from .forms import Form
-from .lossless import Message
-from .standard import Derived
+from .messages import arrow_blocks as blocks
+from .messages import forms, lossless
+from .messages import interface_package as interfaces
+from .messages import standard_columns as messages
+from .messages.context import BadRows
+from .messages.fill import MisfitError, fill
+from .messages.forms import Form
+from .messages.lossless import Message
+from .messages.standard import Derived
 
 Part = Block | list[dict[str, Any]]
 

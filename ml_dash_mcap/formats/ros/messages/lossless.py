@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from ...codecs.ros.message_columns import Array, Number, Sequence, Struct, Text, Type
-from ...rows import packed
-from ...rows.encode import TIME_KEY
-from . import ros_names
+from ....codecs.ros.message_columns import Array, Number, Sequence, Struct, Text, Type
+from ....rows import packed
+from ....rows.encode import TIME_KEY
+from .. import ros_names
 from .forms import Form
 
 MISSING, PRESENT, NONE, INTEGER = range(4)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...codecs.ros.message_columns import Column, Constant, Indices, Ragged, texts
-from ...errors import ConversionWarning
+from ....codecs.ros.message_columns import Column, Constant, Indices, Ragged, texts
+from ....errors import ConversionWarning
 from . import conventions
 from .context import BadRows, Context, Stated
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ...codecs.ros.message_columns import Column, Ragged
-from ...rows import packed
-from ...rows.encode import TIME_KEY, loads_any, restore
+from ....codecs.ros.message_columns import Column, Ragged
+from ....rows import packed
+from ....rows.encode import TIME_KEY, loads_any, restore
 from .fill import VALUE_KEY
 from .lossless import INTEGER, NONE, PRESENT, ROW_KEY, STATE, Field, Message
 

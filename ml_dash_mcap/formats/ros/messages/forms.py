@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ...rows import packed
-from ...rows.encode import TIME_KEY, has_lone_surrogates
+from ....rows import packed
+from ....rows.encode import TIME_KEY, has_lone_surrogates
 
 Row = dict[str, Any]
 

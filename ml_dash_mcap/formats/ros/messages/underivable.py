@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ...meaning import ros_units
+from ....meaning import ros_units
 from . import conventions, standard
 from .conventions import Role
 from .standard import Derived

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ...codecs.ros.message_columns import Column, Indices
+from ....codecs.ros.message_columns import Column, Indices
 from .standard import Derived
 
 Load = Callable[[str], bytes]

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ...errors import ConversionError
-from . import ros_names
+from ....errors import ConversionError
+from .. import ros_names
 from .conventions import (
     COMPRESSED,
     CONVENTIONS,

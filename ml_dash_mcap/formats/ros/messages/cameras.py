@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...codecs.ros.message_columns import Column, Constant, Ragged, texts
-from ...errors import ConversionWarning
-from ...meaning import ros_units
+from ....codecs.ros.message_columns import Column, Constant, Ragged, texts
+from ....errors import ConversionWarning
+from ....meaning import ros_units
 from . import stated_texts
 from .context import BadRows, Context
 from .lossless import Field, names_image

@@ -5,8 +5,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 
-from ...codecs.ros.message_columns import Column, Constant, Ragged, texts
-from ...errors import ConversionWarning
+from ....codecs.ros.message_columns import Column, Constant, Ragged, texts
+from ....errors import ConversionWarning
 from . import conventions
 from .context import Context, Stated
 from .standard import Derived

@@ -9,9 +9,9 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from ...codecs.ros.message_columns import Column, Ragged
-from ...rows.encode import TIME_KEY
-from ...rows.table import Block
+from ....codecs.ros.message_columns import Column, Ragged
+from ....rows.encode import TIME_KEY
+from ....rows.table import Block
 from . import fill
 from .fill import MisfitError
 from .forms import SAFE_INTEGER, Form
