@@ -9,7 +9,7 @@ import pytest
 
 from ml_dash_mcap.errors import DamagedFileError
 from ml_dash_mcap.recording import Recording
-from tests.ingest.test_rosbag import write_rosbag2
+from tests.formats.ros.test_rosbag import write_rosbag2
 from tests.support.bags import export, record, robot_rows
 
 

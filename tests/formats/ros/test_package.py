@@ -8,7 +8,7 @@ from typing import Any
 
 from ml_dash_mcap.formats.ros.messages import interface_package
 from ml_dash_mcap.formats.ros.messages.lossless import Message
-from tests.ros.test_lossless import PACKAGE, designed, timed
+from tests.formats.ros.test_lossless import PACKAGE, designed, timed
 from tests.support import system_python
 
 

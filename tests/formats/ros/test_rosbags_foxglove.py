@@ -13,7 +13,7 @@ import pytest
 from tests.support import node_program
 from tests.support.bags import export, record, robot_rows
 
-NODE = Path(__file__).parent / "support" / "node_ros"
+NODE = Path(__file__).parents[2] / "support" / "node_ros"
 SECOND = {"stamp": {"sec": 1, "nanosec": 0}, "frame_id": ""}
 
 
