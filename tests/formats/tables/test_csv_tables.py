@@ -22,7 +22,7 @@ from ml_dash_mcap import Recorder, Recording, convert
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError, OptionError, UsageError
 from ml_dash_mcap.formats import readers
 from ml_dash_mcap.formats.tables.csv import tokens
-from tests.ingest.test_parquet import normal, rows
+from tests.formats.tables.test_parquet import normal, rows
 from tests.support import shared
 from tests.support.row_shapes import typed
 

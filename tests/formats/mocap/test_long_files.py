@@ -10,7 +10,7 @@ import pytest
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
-from tests.mocap.support import read_back
+from tests.formats.mocap.support import read_back
 
 FRAMES = 120_000
 

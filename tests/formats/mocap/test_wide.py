@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import ConversionError
-from tests.mocap.support import Rows, read_back, record
+from tests.formats.mocap.support import Rows, read_back, record
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 

@@ -8,7 +8,7 @@ import pytest
 
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import ForeignFileError
-from tests.mocap.support import UNIT, read_back, record
+from tests.formats.mocap.support import UNIT, read_back, record
 
 NEXUS = """Model Outputs
 100

@@ -9,9 +9,9 @@ import pytest
 
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import ConversionWarning
-from tests.mocap.support import read_back
-from tests.mocap.test_motive import BODY, HEADER
-from tests.mocap.test_points import QTM
+from tests.formats.mocap.support import read_back
+from tests.formats.mocap.test_motive import BODY, HEADER
+from tests.formats.mocap.test_points import QTM
 
 STAMP = "2019-09-18 04.30.02.695 PM"
 AFTERNOON = 1568824202.695

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Recording, convert
 from ml_dash_mcap.errors import ConversionError, ConversionWarning, ForeignFileError
-from tests.mocap.support import read_back, record
+from tests.formats.mocap.support import read_back, record
 
 MOTIVE = """Format Version,1.23,Take Name,demo,Export Frame Rate,{rate},Rotation Type,Quaternion,Length Units,Meters
 

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError, OptionError
-from tests.mocap.c3d_bytes import build, frame
-from tests.mocap.support import read_back, rows_of
+from tests.formats.mocap.c3d_bytes import build, frame
+from tests.formats.mocap.support import read_back, rows_of
 
 LABELS = ["LASI", "LKneeAngles", "LKneeMoment", "LKneePower", "LGroundReaction", "StepLength", "Bob:RKneeAngles"]
 POINT: dict[str, Any] = {

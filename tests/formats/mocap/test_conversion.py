@@ -8,7 +8,7 @@ import pytest
 
 from ml_dash_mcap import Recording, convert
 from ml_dash_mcap.errors import ForeignFileError, FormatError
-from tests.mocap.support import UNIT, Rows, record, rows_of
+from tests.formats.mocap.support import UNIT, Rows, record, rows_of
 
 
 def take(frames: int = 3) -> Rows:

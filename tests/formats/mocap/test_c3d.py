@@ -13,7 +13,7 @@ import pytest
 from ml_dash_mcap.errors import ConversionError, ConversionWarning, ForeignFileError
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
-from tests.mocap.support import UNIT, Rows, read_back, record
+from tests.formats.mocap.support import UNIT, Rows, read_back, record
 from tests.support import shared
 
 

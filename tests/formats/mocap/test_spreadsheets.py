@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import ForeignFileError
-from tests.mocap.support import UNIT, read_back, record
-from tests.mocap.test_motive import BODY, HEADER
-from tests.mocap.test_points import QTM, TRC, VICON
+from tests.formats.mocap.support import UNIT, read_back, record
+from tests.formats.mocap.test_motive import BODY, HEADER
+from tests.formats.mocap.test_points import QTM, TRC, VICON
 
 STO = "Coordinates\nversion=1\nnRows=2\nnColumns=3\ninDegrees=yes\nendheader\ntime\thip r\tknee\n0\t1.5\t-2\n0.25\t3\t4.75\n"
 WIDE = "frame,time,q.0,q.1,robot:speed\n0,0.5,1.25,-3,2\n1,0.75,2.5,4,\n"

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import ConversionError, ForeignFileError
-from tests.mocap.support import UNIT, Rows, read_back, record
+from tests.formats.mocap.support import UNIT, Rows, read_back, record
 
 
 @pytest.fixture

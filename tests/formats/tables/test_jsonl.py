@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from ml_dash_mcap import Recorder, Recording, convert
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError, UsageError
 from ml_dash_mcap.formats.tables.jsonl import read as jsonl
-from tests.ingest.test_parquet import normal, rows
+from tests.formats.tables.test_parquet import normal, rows
 from tests.support.row_shapes import typed
 
 

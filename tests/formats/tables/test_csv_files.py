@@ -26,7 +26,7 @@ from ml_dash_mcap.cli import main
 from ml_dash_mcap.formats.tables.csv.write import stream
 from ml_dash_mcap.formats.topic_part import Selection
 from ml_dash_mcap.rows.dotted import flatten
-from tests.export.test_parquet_files import _a_block_a_chunk, recording, steps  # noqa: F401
+from tests.formats.tables.test_parquet_files import _a_block_a_chunk, recording, steps  # noqa: F401
 from tests.read.test_columns import ROWS
 
 

@@ -12,7 +12,7 @@ import pytest
 from ml_dash_mcap import Recorder, Recording
 from ml_dash_mcap.formats.dreamlake import path_of
 from ml_dash_mcap.rows.encode import restore
-from tests.export.test_parquet_files import recording, steps
+from tests.formats.tables.test_parquet_files import recording, steps
 
 ROWS = [
     {"q": [0.5, 1.5], "pose": {"xyz": [1.0, 2.0]}, "_ts": 0.1 + 0.2},

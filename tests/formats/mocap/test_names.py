@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from ml_dash_mcap import Recording, convert
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError
 from ml_dash_mcap.recorder import Recorder
-from tests.mocap.support import read_back, record
+from tests.formats.mocap.support import read_back, record
 
 ODD = [
     "L\u00a0HIP",

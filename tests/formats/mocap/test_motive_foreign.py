@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ml_dash_mcap import Recording
-from tests.mocap.support import read_back
+from tests.formats.mocap.support import read_back
 
 TIME_CODES = """Format Version,1.24,Take Name,demo,Capture Frame Rate,100.000000,Export Frame Rate,100.000000,Rotation Type,Quaternion,Length Units,Centimeters
 

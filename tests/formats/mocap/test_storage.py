@@ -10,7 +10,7 @@ import pytest
 
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError
-from tests.mocap.support import read_back
+from tests.formats.mocap.support import read_back
 
 
 @pytest.fixture

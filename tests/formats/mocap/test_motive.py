@@ -23,7 +23,7 @@ from ml_dash_mcap.errors import (
 from ml_dash_mcap.formats import readers
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
-from tests.mocap.support import UNIT, read_back, record
+from tests.formats.mocap.support import UNIT, read_back, record
 from tests.support import shared
 
 # There and back

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ml_dash_mcap import Recording
-from tests.mocap.support import read_back
+from tests.formats.mocap.support import read_back
 
 HEAD = "FILE_VERSION\t2.0.0\nNO_OF_FRAMES\t2\nNO_OF_BODIES\t1\nFREQUENCY\t100\nDESCRIPTION\tfirst try\nEVENT\tstart\t1\t0.0\nEVENT\tstop\t2\t0.01\nDATA_INCLUDED\t6D\nBODY_NAMES\tarm\n"
 TURN = "0\t1\t0\t-1\t0\t0\t0\t0\t1"
