@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: help demo test unit lint format bench clean
+.PHONY: help demo test unit torture lint format bench clean
 
 help:  ## say what there is
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/'
@@ -30,8 +30,11 @@ lint: $(VENV)/dev  ## style, format, types, import directions
 	$(BIN)/mypy
 	$(BIN)/python tools/check_imports.py
 
-unit: $(VENV)/dev  ## the tests
-	$(BIN)/python -m pytest
+unit: $(VENV)/dev  ## the tests, side by side on all cores
+	$(BIN)/python -m pytest -n auto --dist worksteal
+
+torture: $(VENV)/dev  ## the laws on fifty times as many examples (some hours)
+	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600
 
 format: $(VENV)/dev  ## put the code into its format
 	$(BIN)/ruff check --fix .

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import absent
+from tests.support import absent, examples
 from tests.support.rules import problems
 
 OUR_LIBRARY = b"ml_dash_mcap "
@@ -33,6 +33,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    examples.load_profile()
     config.addinivalue_line(
         "markers", "breaks_files: the test damages files of the recorder on purpose; they are not judged"
     )

@@ -17,6 +17,7 @@ from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from ml_dash_mcap.errors import AlignmentError, NotFoundError, RangeError, UsageError
 from ml_dash_mcap.rows.align import align
 from ml_dash_mcap.rows.align_methods import METHODS, Methods
+from tests.support.examples import examples
 
 SMALL = RecorderOptions(chunk_bytes=65536, backlog_bytes=262_144, sync_interval_s=0)
 
@@ -160,7 +161,7 @@ TIMES = st.one_of(
 ROWS = st.lists(st.tuples(TIMES, st.sampled_from(["x", "y"]), st.integers(0, 9), st.booleans()), max_size=14)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(ROWS, ROWS, st.tuples(TIMES, TIMES).map(sorted), st.sampled_from(METHODS[:3]), st.sampled_from([None, 0.3, 1.0]))
 def test_a_window_has_the_values_of_the_whole(
     first: list[tuple[float, str, int, bool]],

@@ -26,6 +26,7 @@ from ml_dash_mcap.capture import writer
 from ml_dash_mcap.inspect.findings import Report
 from tests.faulty_os import calls_go_through, fails
 from tests.support import disk
+from tests.support.examples import examples
 
 SMALL = RecorderOptions(chunk_bytes=65_536, backlog_bytes=262_144)
 
@@ -119,7 +120,7 @@ def test_threads_that_are_held_up_for_a_moment_step_nothing_back(tmp_path: Path)
     assert recorded_steps(tmp_path)["steps_back"] == 0
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(
     times=st.lists(st.integers(0, 30).map(lambda tenth: tenth / 10), max_size=60),
     flushes=st.sets(st.integers(0, 59), max_size=4),
@@ -140,7 +141,7 @@ def test_as_many_steps_are_counted_as_the_times_have(times: list[float], flushes
 PASSES = st.lists(st.tuples(st.integers(0, 20), st.integers(5, 25)), min_size=1, max_size=5)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=examples(80), deadline=None)
 @given(passes=PASSES, flushes=st.sets(st.integers(0, 100), max_size=5), restarts=st.booleans())
 def test_the_rows_that_are_told_as_merged_are_those_that_are_gone(
     passes: list[tuple[int, int]], flushes: set[int], restarts: bool

@@ -57,10 +57,10 @@ def test_the_same_input_is_recorded_as_the_same_records(name: str, recorded: Pat
 @pytest.mark.parametrize("name", [name for name in EXPORTS if not name.endswith(".parquet")])
 @pytest.mark.filterwarnings("ignore:there are messages at time 0")
 def test_the_same_recording_is_exported_as_the_same_bytes(name: str, tmp_path: Path) -> None:
-    format, options = EXPORTS[name]
+    target, options = EXPORTS[name]
     shutil.copytree(CORPUS / "values-zstd", tmp_path / "values-zstd")
     with Recording(tmp_path / "values-zstd") as recording:
-        recording.export(tmp_path / name, format=format, **options)
+        recording.export(tmp_path / name, format=target, **options)
 
     files = [path.relative_to(CORPUS) for path in sorted((CORPUS / name).rglob("*")) if path.is_file()] or [Path(name)]
     for path in files:

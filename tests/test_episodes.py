@@ -24,6 +24,7 @@ from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording, Sessi
 from ml_dash_mcap.errors import FieldError, RangeError, StateError, TimestampError, TopicError
 from ml_dash_mcap.inspect.episodes import Episode
 from tests.support import disk, viewer_schema
+from tests.support.examples import examples
 from tests.support.files import save
 
 EPOCH = 1_700_000_000.0
@@ -150,7 +151,7 @@ STEPS = st.lists(
 )
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(30), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(STEPS, st.sampled_from([0.0, EPOCH]))
 def test_whatever_comes_between_each_row_is_in_the_episode_in_which_it_was_appended(
     steps: list[Any], start: float

@@ -24,6 +24,7 @@ from ml_dash_mcap.inspect import row_spacing as spacings
 from ml_dash_mcap.inspect.findings import Finding, Report
 from ml_dash_mcap.inspect.gaps import Gap
 from tests.support.assemble import bundle
+from tests.support.examples import examples
 from tests.support.files import draft, finished, message, save, unfinished
 
 EPOCH = 1_700_000_000.0
@@ -78,7 +79,7 @@ def test_a_gap_needs_a_topic_and_a_time_above_0(tmp_path: Path) -> None:
                 rec.gaps("robot", bad)  # type: ignore[arg-type]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(st.lists(st.integers(0, 400), min_size=3, unique=True).map(sorted), st.one_of(st.none(), st.integers(1, 50)))
 def test_gaps_are_the_spacings_above_the_limit(times: list[int], longer_than: int | None) -> None:
     spacings = [b - a for a, b in pairwise(times)]
@@ -501,7 +502,7 @@ def test_pictures_of_which_every_tenth_is_missing_are_told_though_their_times_ar
     assert (found.kind, found.count, found.rows) == ("gap", 60, 60)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(st.lists(st.integers(1, 50), min_size=5, max_size=60), st.sampled_from([1_000_000, 10_000_000, 33_333_333]))
 def test_on_a_grid_every_row_that_is_not_there_is_counted(ticks: list[int], period_ns: int) -> None:
     """Of a simulation whose usual step is one tick, so that most rows are one tick apart."""
@@ -533,7 +534,7 @@ def in_ns(*times: float) -> np.ndarray:
     return np.array([round(time * 1e9) for time in times], np.uint64)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.lists(st.integers(0, 60), max_size=20))
 def test_every_row_behind_an_earlier_one_is_late_or_after_a_step(times: list[int]) -> None:
     lates, steps = time_steps_back.find(np.array(times, np.uint64))

@@ -26,6 +26,7 @@ from rosbags.typesys import Stores, get_typestore
 from ml_dash_mcap import Recorder, RecorderOptions, Recording, convert
 from ml_dash_mcap.rows import packed
 from tests.support import disk
+from tests.support.examples import examples
 from tests.support.viewer_schema import violations
 
 IMAGE = np.random.default_rng(0).integers(0, 256, (120, 200, 3), dtype=np.uint8)
@@ -242,7 +243,7 @@ def drawn(draw: st.DrawFn) -> Any:
     return array
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(array=drawn())
 def test_any_array_comes_back_from_every_read(array: Any, tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("any")
@@ -482,7 +483,7 @@ def test_long_lists_stay_lists_through_a_bag(tmp_path: Path) -> None:
 # Files from outside
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(
     st.one_of(st.text(max_size=20), st.from_regex(r"(masked )?>?(u?int8|float64|bool)\[\d{1,19}(,\d{0,19}){0,3}\]")),
     st.binary(max_size=40).map(lambda data: base64.b64encode(data).decode()) | st.text(max_size=20),

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
+from tests.support.examples import examples
 from tests.support.rules import problems
 
 TIMES = st.sampled_from([0.0, 0.1, 0.1 + 1e-17, 1 / 3, 1.0, 1.0000000000000002, 2.5, 7.0])
@@ -50,7 +51,7 @@ def canonical(row: dict[str, Any]) -> dict[str, str]:
     return {name: repr(value) for name, value in row.items()}
 
 
-@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(120), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(STEPS)
 def test_a_recording_is_what_was_appended_whatever_came_between(steps: list[tuple[Any, ...]]) -> None:
     options = RecorderOptions(chunk_bytes=65_536, backlog_bytes=262_144, sync_interval_s=0, segment_bytes=65_536)

@@ -17,11 +17,14 @@ from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.topic import EventTopic
 from tests.support import disk
+from tests.support.examples import examples
 
 Row = dict[str, Any]
 
 QUICK = settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=examples(25),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 SMALL = RecorderOptions(chunk_bytes=65536, backlog_bytes=4 * 65536)
 
@@ -96,7 +99,7 @@ class Model:
 
 
 @given(st.lists(step_, max_size=25))
-@settings(QUICK, max_examples=120)
+@settings(QUICK, max_examples=examples(120))
 @example(
     [
         ("append", "a", {"q1": 1.5}, 1.0),

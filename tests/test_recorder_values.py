@@ -27,11 +27,14 @@ from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from tests.support import disk
 from tests.support.case_ids import stable_repr
+from tests.support.examples import examples
 
 Row = dict[str, Any]
 
 QUICK = settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=examples(25),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 SMALL = RecorderOptions(chunk_bytes=65536, backlog_bytes=4 * 65536)
 
@@ -117,7 +120,7 @@ def test_log_times_are_the_exact_time_stamp_rounded_to_nanoseconds(tmp_path: Pat
 @given(st.floats(0, 9e9))
 @example(math.nextafter(5e-10, 0))
 @example(math.nextafter(0.5, 1))
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 def test_the_nanosecond_is_never_further_than_half_of_one_and_a_rounding_error_away(seconds: float) -> None:
     assert abs(clock.to_nanoseconds(seconds) - Fraction(seconds) * 10**9) <= Fraction(1, 2) + Fraction(1, 2**23)
 
@@ -370,7 +373,7 @@ def arrays(dtype: np.dtype[Any], shape: tuple[int, ...]) -> st.SearchStrategy[An
 
 
 @given(columns())
-@settings(QUICK, max_examples=120)
+@settings(QUICK, max_examples=examples(120))
 def test_columns_are_the_rows_that_append_would_have_taken(
     tmp_path_factory: pytest.TempPathFactory, drawn: dict[str, Any]
 ) -> None:

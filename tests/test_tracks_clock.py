@@ -19,6 +19,7 @@ from ml_dash_mcap import Experiment, Recorder, Recording
 from ml_dash_mcap.capture.tracks_clock import NOW_S, TracksClock
 from ml_dash_mcap.rows import merge
 from tests.support import disk
+from tests.support.examples import examples
 
 GPS_EPOCH_S = 315_964_800.0
 LEAP_SECONDS = 18.0
@@ -240,7 +241,7 @@ def test_one_row_that_comes_late_changes_nothing() -> None:
     assert clock.time(1.8e9 - 41.0) == (1.8e9 - 41.0, False)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(
     offset=st.one_of(st.floats(-1e9, -NOW_S - 1.5), st.floats(NOW_S + 0.5, 1e9)),
     steps=st.lists(st.tuples(st.floats(0.0, 1.0), st.booleans()), min_size=1, max_size=30),
@@ -258,7 +259,7 @@ def test_a_clock_that_runs_beside_the_wall_clock_is_told_at_every_look(
         assert clock.time(last) == (last, False)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(
     lag=st.floats(0.0, NOW_S),
     steps=st.lists(st.tuples(st.floats(0.0, 1e5), st.booleans()), min_size=1, max_size=30),

@@ -114,9 +114,9 @@ def main(folder: Path) -> None:
     for name, program in PROGRAMS.items():
         program(folder / name)
     die(folder / "dead")
-    for name, (format, options) in EXPORTS.items():
+    for name, (target, options) in EXPORTS.items():
         with Recording(folder / "values-zstd") as recording:
-            recording.export(folder / name, format=format, **options)
+            recording.export(folder / name, format=target, **options)
     for name in [*PROGRAMS, *EXPORTS]:
         (folder / f"{name}.rows.json").write_text(json.dumps(rows_of(folder / name), indent=0) + "\n")
 

@@ -19,6 +19,7 @@ from ml_dash_mcap.errors import NotFoundError, RangeError
 from ml_dash_mcap.rows.dotted import flatten
 from ml_dash_mcap.rows.json_lines import LineReader, joined
 from ml_dash_mcap.rows.table import ENCODING_KEY, from_rows, from_text
+from tests.support.examples import examples
 
 SMALL = RecorderOptions(chunk_bytes=65536, backlog_bytes=262_144, sync_interval_s=0)
 
@@ -81,7 +82,7 @@ def record(folder: Path, program: list[tuple[float, dict[str, Any], bool]]) -> N
                 recorder.flush()
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(PROGRAMS, st.sampled_from([None, ["float"], ["dict"], ["dict.x", "vector"], ["number", "absent"], ["text"]]))
 def test_columns_are_those_of_the_rows(
     program: list[tuple[float, dict[str, Any], bool]], columns: list[str] | None

@@ -30,6 +30,7 @@ from ml_dash_mcap.rows import read_ahead
 from tests.support import raw
 from tests.support.assemble import Draft, bundle
 from tests.support.every_read import everything
+from tests.support.examples import examples
 from tests.support.files import draft, finished, save
 
 Rows = dict[str, list[dict[str, Any]]]
@@ -186,7 +187,7 @@ def mutated(data: bytes, mutations: list[tuple[str, int, int]]) -> bytes:
 
 
 @given(mutations=MUTATIONS)
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(30), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_whatever_is_done_to_a_file_nothing_but_our_error_comes_of_it(specimen, mutations):
     specimen.path.write_bytes(mutated(specimen.data, mutations))
     for on_damage in ("raise", "skip"):

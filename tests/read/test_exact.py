@@ -15,6 +15,7 @@ from ml_dash_mcap.query import exact_blocks
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.rows.table import Block
+from tests.support.examples import examples
 from tests.support.row_shapes import tables, typed
 
 Row = dict[str, Any]
@@ -46,7 +47,7 @@ def as_rows(parts: list[Block | list[Row]]) -> list[Row]:
 
 
 @given(tables(), st.integers(1, 3), st.booleans())
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(30), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_rows_come_back_exactly(
     tmp_path_factory: pytest.TempPathFactory, rows: list[Row], repeats: int, buffered: bool
 ) -> None:

@@ -21,6 +21,7 @@ from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from ml_dash_mcap.errors import MissingRecordingError
 from ml_dash_mcap.file_names import LARGE_BYTES
 from tests.support import every_read, raw
+from tests.support.examples import examples
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -424,7 +425,7 @@ def changed(data: bytes, changes: list[tuple[int, str, int]]) -> bytes:
 
 @pytest.mark.filterwarnings("ignore::ml_dash_mcap.errors.UndecodedWarning")
 @given(of_data=CHANGES, of_summary=CHANGES, of_offsets=CHANGES)
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_whatever_numbers_stand_in_a_file_whose_checksums_are_right_nothing_but_our_error_comes_of_it(
     tmp_path, of_data, of_summary, of_offsets
 ):

@@ -10,13 +10,14 @@ from hypothesis import given, settings
 from ml_dash_mcap.codecs.protobuf import decoder
 from ml_dash_mcap.errors import EncodingError
 from tests.support import protobuf_messages
+from tests.support.examples import examples
 from tests.support.protobuf_messages import FILE, NAME, descriptor_set, fill
 
 MESSAGE = protobuf_messages.message_class()
 DECODE = decoder(NAME, descriptor_set())
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=examples(80), deadline=None)
 @given(row=protobuf_messages.rows())
 def test_a_message_decodes_to_the_row_that_was_written(row) -> None:
     found = DECODE(fill(MESSAGE(), row).SerializeToString())

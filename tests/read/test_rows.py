@@ -10,6 +10,7 @@ from ml_dash_mcap.errors import DamagedFileError, RangeError, UndecodedWarning
 from ml_dash_mcap.query import counts, topic_rows
 from ml_dash_mcap.query.file import File
 from tests.support.assemble import Draft, bundle
+from tests.support.examples import examples
 from tests.support.files import Row, draft, finished, ns, save, unfinished
 
 NANO = math.nextafter(1.0, 2.0)
@@ -40,14 +41,14 @@ def open_all(folder, recording, **how) -> list[File]:
     ]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(recording=RECORDINGS)
 def test_rows_are_those_of_a_dict_from_time_stamp_to_row(tmp_path_factory, recording):
     files = open_all(tmp_path_factory.mktemp("run"), recording)
     assert list(topic_rows.read(files, "t")) == merged(recording)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(recording=RECORDINGS, ends=st.tuples(TIMES, TIMES).map(sorted))
 def test_a_range_takes_the_rows_between_its_ends_and_at_them(tmp_path_factory, recording, ends):
     files = open_all(tmp_path_factory.mktemp("run"), recording)
@@ -57,7 +58,7 @@ def test_a_range_takes_the_rows_between_its_ends_and_at_them(tmp_path_factory, r
     ]
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(recording=RECORDINGS)
 def test_the_count_and_the_times_are_those_of_the_rows(tmp_path_factory, recording):
     unmerged = open_all(tmp_path_factory.mktemp("run"), recording, library="someone else")
@@ -66,7 +67,7 @@ def test_the_count_and_the_times_are_those_of_the_rows(tmp_path_factory, recordi
     assert counts.time_range(unmerged, "t") == ((expected[0]["_ts"], expected[-1]["_ts"]) if expected else (None, None))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(recording=RECORDINGS)
 def test_the_count_of_our_own_files_whose_chunks_are_merged_is_that_of_the_rows(tmp_path_factory, recording):
     chunkwise = [[merged([[chunk]]) for chunk in file] for file in recording]

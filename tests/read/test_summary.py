@@ -17,6 +17,7 @@ from ml_dash_mcap.mcap import chunk_indexes, chunk_table, records
 from ml_dash_mcap.mcap.records import Chunk, Opcode
 from ml_dash_mcap.query.file import File
 from tests.support import raw
+from tests.support.examples import examples
 
 SUMMARY_START = 1_000_000
 
@@ -110,7 +111,7 @@ def test_chunk_indexes_read_at_once_are_those_read_one_by_one(parts):
 
 
 @given(st.lists(st.tuples(st.one_of(sound_index(), any_index()), st.integers(1, 12)), max_size=8))
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 def test_chunk_indexes_that_lie_give_the_same_chunks_or_the_same_error(parts):
     data = b"".join(part * times for part, times in parts)
     assert outcome(at_once, data) == outcome(one_by_one, data)

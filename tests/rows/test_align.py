@@ -16,6 +16,7 @@ from ml_dash_mcap.errors import AlignmentError, NotFoundError, UsageError
 from ml_dash_mcap.rows.align import align, grid
 from ml_dash_mcap.rows.align_methods import METHODS, Choice, Methods
 from ml_dash_mcap.rows.table import from_rows
+from tests.support.examples import examples
 
 Row = dict[str, Any]
 
@@ -66,7 +67,7 @@ ROWS = st.lists(
 TOLERANCES = st.one_of(st.just(math.inf), EIGHTHS)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(ROWS, ROWS, st.lists(EIGHTHS, max_size=6).map(sorted), st.sampled_from(METHODS[:3]), TOLERANCES)
 def test_each_value_is_that_of_the_model(
     robot: list[Row], imu: list[Row], times: list[float], method: str, tolerance: float
@@ -98,7 +99,7 @@ def close(found: Any, wanted: Any) -> bool:
     return bool(found == wanted)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(ROWS, ROWS, st.sampled_from(METHODS[:3]))
 def test_the_rows_that_the_clock_is_taken_from_come_back_as_they_are(
     robot: list[Row], imu: list[Row], method: str
@@ -270,7 +271,7 @@ def test_an_unknown_method_is_a_value_error_that_names_the_methods(how: Any) -> 
 # The grid
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.one_of(st.floats(0, 100), st.floats(1.6e9, 1.8e9)), st.integers(0, 500), st.floats(0.1, 1000))
 def test_a_grid_has_its_end_where_it_falls_on_it(start: float, steps: int, hz: float) -> None:
     end = start + steps / hz

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import FieldError, IntegerRangeError
 from ml_dash_mcap.rows.encode import EXACT_KEY, TIME_KEY, exact, restore
+from tests.support.examples import examples
 
 names = st.text(max_size=6).filter(lambda name: name not in (EXACT_KEY, TIME_KEY))
 scalars = st.one_of(
@@ -41,7 +42,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 @given(rows)
-@settings(deadline=None, max_examples=250)
+@settings(deadline=None, max_examples=examples(250))
 @example({"a": math.nan, "b": None, "c": [None, math.inf, {"d/~": -math.inf}], "": b"", "_ts": 0.0})
 @example({"~0": {"~1": [b"x"]}, "/": {"": math.nan}, "_ts": 1.0})
 @example({"a": {"0": math.nan}, "b": [[math.nan]], "_ts": 1.0})
@@ -70,7 +71,7 @@ junk = st.recursive(
 
 
 @given(st.dictionaries(st.sampled_from(["a", "b", ""]), junk, max_size=3), junk)
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @example({"a": "not base64!"}, {"bytes": {"": ["a"]}})
 @example({"a": "\u00e4"}, {"bytes": {"": ["a"]}})
 @example({"a": [None]}, {"NaN": {"/a": [-1, 5, "0", None, True, 0.0, [0], {}]}})

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, Recording
 from ml_dash_mcap.errors import OptionError, UsageError
+from tests.support.examples import examples
 
 NS = 1_700_000_000_123_456_789
 """A double rounds it: by 21 ns."""
@@ -164,7 +165,7 @@ KINDS = {
 }
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data(), kind=st.sampled_from(sorted(KINDS)))
 def test_any_column_with_gaps_is_what_its_rows_say(
     data: st.DataObject, kind: str, tmp_path_factory: pytest.TempPathFactory

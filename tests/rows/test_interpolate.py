@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.rows.interpolate import linear, slerp
+from tests.support.examples import examples
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 WEIGHTS = st.floats(0, 1)
@@ -25,7 +26,7 @@ def around(axis: tuple[float, float, float], angle: float) -> list[float]:
     return [*(math.sin(angle / 2) * one for one in axis), math.cos(angle / 2)]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(FINITE, FINITE, WEIGHTS)
 def test_a_number_on_the_line_lies_between_its_ends_and_is_them_there(a: float, b: float, weight: float) -> None:
     (found,) = linear(column(a), column(b), column(weight))
@@ -49,7 +50,7 @@ def test_what_is_not_finite_stays_on_its_side() -> None:
     assert np.array_equal(linear(a, b, np.ones(4)), b, equal_nan=True)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi), WEIGHTS, st.sampled_from([1, -1]))
 def test_about_one_axis_the_angle_grows_evenly_on_the_short_way(a: float, b: float, weight: float, sign: int) -> None:
     axis = (0.6, 0.0, 0.8)
@@ -61,7 +62,7 @@ def test_about_one_axis_the_angle_grows_evenly_on_the_short_way(a: float, b: flo
     assert min(np.abs(found - expected).max(), np.abs(found + expected).max()) < 1e-14
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(DIRECTIONS, DIRECTIONS, WEIGHTS)
 def test_a_rotation_between_two_has_length_1_and_its_share_of_the_angle(
     a: list[float], b: list[float], weight: float

@@ -17,6 +17,7 @@ from ml_dash_mcap.rows import merge
 from ml_dash_mcap.rows.encode import exact, restore
 from ml_dash_mcap.rows.schema import Shape, to_json
 from ml_dash_mcap.rows.skeleton import Bones, Skeletons, guess
+from tests.support.examples import examples
 from tests.support.viewer_schema import violations
 
 TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
@@ -100,7 +101,7 @@ def block_of(payloads: list[bytes]) -> Bones:
     return Bones(np.frombuffer(data, np.uint8), np.array(starts), np.array(ends), 31)
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(st.lists(st.lists(FIELDS, min_size=1, max_size=6), min_size=1, max_size=4))
 def test_the_shape_learned_from_skeletons_is_the_shape_of_all_rows(blocks: list[list[dict[str, Any]]]) -> None:
     skeletons, every = Skeletons(), Shape()

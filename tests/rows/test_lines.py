@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from ml_dash_mcap.rows.dotted import flatten, project
 from ml_dash_mcap.rows.json_lines import LineReader, joined
 from ml_dash_mcap.rows.table import Block, Column, block_of, to_table, values_of
+from tests.support.examples import examples
 from tests.support.odd_json import random_payloads
 
 TIME = "time"
@@ -104,7 +105,7 @@ def test_any_blocks_of_rows_are_what_json_says_or_are_left_to_python(first: int,
 NUMBERS = st.one_of(st.none(), st.floats(allow_nan=False, allow_infinity=False), st.integers(-(2**52), 2**52))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.lists(st.lists(st.lists(NUMBERS, max_size=3), min_size=1, max_size=4), min_size=1, max_size=4))
 def test_vectors_with_gaps_are_read_without_python_whatever_came_first(blocks: list[list[list[Any]]]) -> None:
     reader = LineReader()

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from ml_dash_mcap.rows import merge
 from ml_dash_mcap.rows.encode import exact, restore
 from tests.rows.test_encode import inner, same, scalars
+from tests.support.examples import examples
 
 Row = dict[str, Any]
 
@@ -50,7 +51,7 @@ def test_the_last_row_that_has_a_field_wins_and_no_row_is_changed(rows: list[Row
 
 
 @given(some_rows)
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=examples(150))
 @example([{"a": math.nan, "_ts": 1.5}, {"a": None, "_ts": 1.5}])
 @example([{"a": None, "_ts": 1.5}, {"a": math.nan, "_ts": 1.5}])
 @example([{"a": b"x", "_ts": 1.5}, {"a": "eA==", "_ts": 1.5}])
@@ -80,7 +81,7 @@ plain_value = st.recursive(
 
 
 @given(st.lists(st.dictionaries(fields, plain_value, max_size=3), min_size=1, max_size=4))
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=examples(150))
 @example([{"a": {"_ts": 5}}, {"b": '"_ts":'}, {}])
 def test_rows_without_a_common_field_are_joined_by_cutting_their_bytes(rows: list[Row]) -> None:
     seen: set[str] = set()

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.rows import outline
+from tests.support.examples import examples
 
 texts = st.text(st.sampled_from('ab"\\[]{},:\n\u00e4'), max_size=6)
 values = st.recursive(
@@ -21,7 +22,7 @@ values = st.recursive(
 
 
 @pytest.mark.parametrize("at_once", [1, 7, 1024])
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(row=st.dictionaries(texts, values, max_size=5))
 def test_the_outline_is_the_row_with_its_containers_emptied(row: dict[str, Any], at_once: int) -> None:
     with mock.patch.object(outline, "_AT_ONCE", at_once):

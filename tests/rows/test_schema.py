@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap.rows import schema
 from tests.support.case_ids import stable_repr
+from tests.support.examples import examples
 from tests.support.row_types import mismatches
 from tests.support.viewer_schema import violations
 
@@ -36,7 +37,7 @@ def as_json(value: Any) -> Any:
 
 
 @given(st.lists(rows, max_size=5))
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=examples(150))
 def test_a_schema_is_within_the_viewers_subset_and_covers_its_rows(listed: list[dict[str, Any]]) -> None:
     said = schema.to_json(schema.infer(listed), "topic")
     assert violations(said) == []

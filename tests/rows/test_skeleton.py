@@ -15,6 +15,7 @@ from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.rows import schema
 from tests.support import disk
+from tests.support.examples import examples
 
 Row = dict[str, Any]
 
@@ -53,7 +54,9 @@ blocks = st.lists(st.lists(st.tuples(st.sampled_from("ab"), rows), max_size=6), 
 
 @given(blocks)
 @settings(
-    deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    deadline=None,
+    max_examples=examples(150),
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @example([[("a", {"q1": 1}), ("a", {"q2": 1})]])
 @example([[("a", {"q": 116}), ("a", {"q": 1e16})]])
@@ -89,7 +92,9 @@ def in_file(folder: Path, topic: str) -> Any:
 
 @given(st.lists(st.tuples(rows, st.sampled_from([1.0, 2.0])), max_size=8))
 @settings(
-    deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    deadline=None,
+    max_examples=examples(150),
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 def test_merging_in_the_writer_gives_valid_json_without_a_key_twice(
     tmp_path_factory: pytest.TempPathFactory, drawn: list[tuple[Row, float]]

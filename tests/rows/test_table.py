@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap.rows.encode import restore
 from ml_dash_mcap.rows.table import ENCODING_KEY, from_rows
+from tests.support.examples import examples
 
 
 def column(*values):
@@ -124,7 +125,7 @@ def block_rows(request, monkeypatch):
 
 
 @pytest.mark.usefixtures("block_rows")
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(200), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.dictionaries(st.sampled_from(["a", "b"]), VALUES), max_size=6))
 def test_any_rows_make_a_table_that_survives_parquet(rows):
     table = from_rows([{**row, "_ts": float(i)} for i, row in enumerate(rows)])

@@ -23,6 +23,7 @@ from ml_dash_mcap.rows import schema, skeleton
 from ml_dash_mcap.rows.skeleton import Skeletons
 from tests.support import disk
 from tests.support.case_ids import stable_repr
+from tests.support.examples import examples
 
 MIB = 1024 * 1024
 
@@ -218,7 +219,7 @@ for kind, size, count, flushes in MIX:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(8), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(mixes)
 def test_any_mix_of_rows_is_written_in_a_bounded_multiple_of_the_block(
     tmp_path_factory: pytest.TempPathFactory, mix: list[Any]
@@ -227,7 +228,7 @@ def test_any_mix_of_rows_is_written_in_a_bounded_multiple_of_the_block(
     assert child(folder, _MIX.replace("MIX", repr(mix)), 128 * MIB)[1] == {}
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=examples(10), deadline=None)
 @given(st.lists(st.sampled_from(["a", "b"]).flatmap(lambda key: st.tuples(st.just(key), st.text(max_size=5)))))
 def test_what_is_remembered_of_forms_is_bounded(pairs: list[tuple[str, str]]) -> None:
     skeletons = Skeletons()

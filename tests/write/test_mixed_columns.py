@@ -20,6 +20,7 @@ from hypothesis.extra import numpy as arrays
 from ml_dash_mcap import Recorder, Recording
 from ml_dash_mcap.errors import FieldError
 from tests.support.case_ids import stable_repr
+from tests.support.examples import examples
 
 
 @dataclasses.dataclass
@@ -140,7 +141,7 @@ def compare(folder: Path, columns: dict[str, Any], count: int) -> None:
         assert canonical(recording["columns"].rows()) == canonical(recording["rows"].rows())
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(100), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_columns_of_any_kinds_are_the_rows_that_append_would_take(
     data: st.DataObject, tmp_path_factory: pytest.TempPathFactory

@@ -14,8 +14,9 @@ from rosbags.typesys import Stores, get_typestore
 from ml_dash_mcap.codecs.ros.message_decoder import decoder
 from ml_dash_mcap.errors import EncodingError
 from tests.support import ros_messages
+from tests.support.examples import examples
 
-FEW = settings(max_examples=40, deadline=None)
+FEW = settings(max_examples=examples(40), deadline=None)
 
 
 @st.composite

@@ -10,6 +10,7 @@ from ml_dash_mcap.codecs.ros import definitions
 from ml_dash_mcap.codecs.ros.message_types import Array, Basic, Fields, Named, canonical
 from ml_dash_mcap.errors import EncodingError
 from tests.support import ros_messages
+from tests.support.examples import examples
 
 INT, DOUBLE, TEXT = Basic("int32"), Basic("float64"), Basic("string")
 
@@ -18,7 +19,7 @@ def fields(text: str, name: str = "p/msg/A", *, is_ros1: bool = False) -> Fields
     return definitions.parse(name, text, is_ros1=is_ros1).messages[canonical(name)]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(messages=ros_messages.messages())
 def test_fields_are_those_that_rosbags_finds(messages) -> None:
     text = ros_messages.text(messages)

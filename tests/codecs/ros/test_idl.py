@@ -13,9 +13,10 @@ from ml_dash_mcap.codecs.ros.message_decoder import decoder
 from ml_dash_mcap.codecs.ros.message_types import PLACEHOLDER, Array, Basic, Named
 from ml_dash_mcap.errors import EncodingError
 from tests.support import ros_messages
+from tests.support.examples import examples
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(messages=ros_messages.messages())
 def test_idl_says_what_the_msg_language_says(messages) -> None:
     by_msg = definitions.parse("pkg/msg/Outer", ros_messages.text(messages))
@@ -25,7 +26,7 @@ def test_idl_says_what_the_msg_language_says(messages) -> None:
         assert by_idl.messages[name] == (fields or {PLACEHOLDER: Basic("uint8")})
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=examples(10), deadline=None)
 @given(messages=ros_messages.messages(), data=st.data())
 def test_messages_described_by_idl_decode(messages, data) -> None:
     row = data.draw(ros_messages.rows(messages))

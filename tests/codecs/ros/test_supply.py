@@ -16,6 +16,7 @@ from ml_dash_mcap.codecs.ros.definition_sources import Supply, complete
 from ml_dash_mcap.codecs.ros.message_decoder import decoder, definition
 from ml_dash_mcap.errors import EncodingError
 from tests.support import ros_messages
+from tests.support.examples import examples
 
 HUMBLE, JAZZY, NOETIC = (get_typestore(one) for one in (Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.ROS1_NOETIC))
 RANGE = "sensor_msgs/msg/Range"
@@ -159,7 +160,7 @@ def test_idl_may_lack_messages_too() -> None:
     assert decoder("p/msg/A", "ros2idl", text, supply=supply(("q/B", "uint32 n")))(payload) == row
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(messages=ros_messages.messages(least=1), data=st.data())
 def test_whichever_messages_a_text_lacks_the_row_is_the_same_if_they_were_given(messages, data) -> None:
     row = data.draw(ros_messages.rows(messages))
@@ -193,7 +194,7 @@ def test_a_header_need_not_be_defined(is_ros1: bool, name: str) -> None:
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(messages=ros_messages.messages(), data=st.data())
 def test_a_completed_definition_is_all_that_another_reader_needs(messages, data) -> None:
     row = data.draw(ros_messages.rows(messages))

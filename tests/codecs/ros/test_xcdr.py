@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from ml_dash_mcap.codecs.ros.message_decoder import decoder
 from ml_dash_mcap.errors import EncodingError
 from tests.support import dds
+from tests.support.examples import examples
 
-FEW = settings(max_examples=60, deadline=None)
+FEW = settings(max_examples=examples(60), deadline=None)
 
 
 @pytest.mark.parametrize("version_2", [False, True], ids=["CDR", "XCDR2"])

@@ -18,6 +18,7 @@ from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError, OptionError
 from tests.formats.mocap.c3d_bytes import build, frame
 from tests.formats.mocap.support import read_back, rows_of
+from tests.support.examples import examples
 
 LABELS = ["LASI", "LKneeAngles", "LKneeMoment", "LKneePower", "LGroundReaction", "StepLength", "Bob:RKneeAngles"]
 POINT: dict[str, Any] = {
@@ -261,7 +262,7 @@ def test_positions_of_rotations_are_lengths_like_those_of_points(tmp_path: Path)
     assert [row["quat"] for row in back["arm"]] == [[0.0, 0.0, 0.0, 1.0]] * 3
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(data=st.data())
 def test_every_number_is_the_one_that_ezc3d_reads(
     data: st.DataObject, tmp_path_factory: pytest.TempPathFactory

@@ -25,6 +25,7 @@ from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from tests.formats.mocap.support import UNIT, read_back, record
 from tests.support import shared
+from tests.support.examples import examples
 
 # There and back
 
@@ -59,7 +60,7 @@ def takes(draw: Any) -> dict[str, list[dict[str, Any]]]:
 
 
 @pytest.mark.filterwarnings("ignore:the topics have different axes")
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(40), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), take=takes())
 def test_what_was_written_comes_back_bit_for_bit(data: Any, take: Any, tmp_path_factory: Any) -> None:
     order, unit = data.draw(st.sampled_from(["xyzw", "wxyz"])), data.draw(st.sampled_from(["m", "mm"]))

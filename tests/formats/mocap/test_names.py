@@ -17,6 +17,7 @@ from ml_dash_mcap import Recording, convert
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError
 from ml_dash_mcap.recorder import Recorder
 from tests.formats.mocap.support import read_back, record
+from tests.support.examples import examples
 
 ODD = [
     "L\u00a0HIP",
@@ -116,7 +117,7 @@ def test_a_point_of_c3d_keeps_its_name(tmp_path: Path) -> None:
     assert list(read_back(tmp_path / "x.c3d", tmp_path / "back")["markers"][0]["markers"]) == names
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(
     names=st.lists(
         st.text(

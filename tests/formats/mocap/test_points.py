@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import ConversionError, ForeignFileError
 from tests.formats.mocap.support import UNIT, Rows, read_back, record
+from tests.support.examples import examples
 
 
 @pytest.fixture
@@ -42,7 +43,7 @@ def markers(draw: Any) -> Rows:
 
 
 @pytest.mark.filterwarnings("ignore:the topics have different axes")
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(data=st.data(), take=markers(), format=st.sampled_from(sorted(SUFFIXES)))
 def test_markers_come_back_bit_for_bit(data: Any, take: Rows, format: str, tmp_path_factory: Any) -> None:
     folder = tmp_path_factory.mktemp("take")

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from ml_dash_mcap import Recording, convert
 from ml_dash_mcap.errors import ConversionError, ConversionWarning, ForeignFileError
 from tests.formats.mocap.support import read_back, record
+from tests.support.examples import examples
 
 MOTIVE = """Format Version,1.23,Take Name,demo,Export Frame Rate,{rate},Rotation Type,Quaternion,Length Units,Meters
 
@@ -108,7 +109,7 @@ def test_printed_times_that_contradict_the_rate_count_and_none_is_lost(tmp_path:
     assert [row["markers"]["tip"][0] for row in rows] == list(range(100))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     name=st.sampled_from(sorted(WRITERS)),
     count=st.integers(1, 60),

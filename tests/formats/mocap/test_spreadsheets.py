@@ -17,6 +17,7 @@ from ml_dash_mcap.errors import ForeignFileError
 from tests.formats.mocap.support import UNIT, read_back, record
 from tests.formats.mocap.test_motive import BODY, HEADER
 from tests.formats.mocap.test_points import QTM, TRC, VICON
+from tests.support.examples import examples
 
 STO = "Coordinates\nversion=1\nnRows=2\nnColumns=3\ninDegrees=yes\nendheader\ntime\thip r\tknee\n0\t1.5\t-2\n0.25\t3\t4.75\n"
 WIDE = "frame,time,q.0,q.1,robot:speed\n0,0.5,1.25,-3,2\n1,0.75,2.5,4,\n"
@@ -87,7 +88,7 @@ def test_any_end_of_line_and_encoding_reads_the_same(name: str, end: str, tmp_pa
     assert read_back(tmp_path / name, tmp_path / "back") == read_back(tmp_path / "a" / name, tmp_path / "wanted")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(data=st.data(), name=st.sampled_from(sorted(FILES)))
 def test_rows_without_anything_are_none_wherever_they_stand(
     data: Any, name: str, tmp_path_factory: pytest.TempPathFactory

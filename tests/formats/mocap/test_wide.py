@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import ConversionError
 from tests.formats.mocap.support import Rows, read_back, record
+from tests.support.examples import examples
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 
@@ -25,7 +26,7 @@ def topics(draw: st.DrawFn) -> Rows:
     return {"imu": [{"temp": draw(finite), "_ts": times[0]}], "robot": rows}
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(take=topics())
 def test_any_times_and_numbers_come_back_bit_for_bit(take: Rows, tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("take")

@@ -16,6 +16,7 @@ from ml_dash_mcap.codecs.ros.unpack import unpack
 from ml_dash_mcap.formats.ros.messages import forms, lossless, lossless_definitions, restore
 from ml_dash_mcap.formats.ros.messages.fill import MisfitError, fill
 from ml_dash_mcap.formats.ros.messages.lossless import Message
+from tests.support.examples import examples
 from tests.support.row_shapes import tables, typed
 
 Row = dict[str, Any]
@@ -44,7 +45,7 @@ def to_rows(message: Message, messages: list[bytes], *, is_ros1: bool = False) -
 
 
 @given(tables(), st.sampled_from([ROS1, ROS2]), st.booleans())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_any_rows_come_back_bit_for_bit(rows: list[Row], is_ros1: bool, is_json: bool) -> None:
     rows = timed(rows)
     message = designed(rows, is_json=is_json)
@@ -53,7 +54,7 @@ def test_any_rows_come_back_bit_for_bit(rows: list[Row], is_ros1: bool, is_json:
 
 
 @given(tables())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 def test_the_text_of_a_message_says_what_it_is(rows: list[Row]) -> None:
     message = designed(timed(rows))
     assert (
@@ -63,7 +64,7 @@ def test_the_text_of_a_message_says_what_it_is(rows: list[Row]) -> None:
 
 
 @given(tables(), st.sampled_from([ROS1, ROS2]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_the_bytes_are_those_that_rosbags_writes(rows: list[Row], is_ros1: bool) -> None:
     rows = timed(rows)
     message = designed(rows)

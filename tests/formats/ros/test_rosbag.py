@@ -35,6 +35,7 @@ from ml_dash_mcap.formats.ros.bag_ros1.read import Ros1File
 from ml_dash_mcap.recording import Recording
 from tests.support import shared, system_python
 from tests.support.bags import export, record, robot_rows
+from tests.support.examples import examples
 
 Row = dict[str, Any]
 
@@ -339,7 +340,7 @@ def small_bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     }
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_any_damage_to_a_ros_1_bag_is_no_other_error(
     tmp_path: Path, small_bags: dict[str, bytes], data: st.DataObject

@@ -32,6 +32,7 @@ from ruamel.yaml import YAML
 from ml_dash_mcap import Recording, convert
 from ml_dash_mcap.errors import ConversionWarning, DamagedFileError, NotFoundError, OptionError
 from tests.support import ros_messages, shared, system_python
+from tests.support.examples import examples
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 NOETIC = get_typestore(Stores.ROS1_NOETIC)
@@ -117,7 +118,7 @@ def bags(draw: st.DrawFn) -> tuple[ros_messages.Messages, list[tuple[int, int, d
     return messages, draw(st.lists(sent, max_size=12))
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(25), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(bags(), st.sampled_from(["mcap", "sqlite3", "ros1"]))
 def test_any_bag_comes_back_as_it_was(tmp_path_factory: pytest.TempPathFactory, given_: Any, kind: str) -> None:
     messages, sent = given_

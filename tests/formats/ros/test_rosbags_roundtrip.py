@@ -15,6 +15,7 @@ from ml_dash_mcap.conversion import convert
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from tests.support.bags import export, record, robot_rows, smooth_columns
+from tests.support.examples import examples
 from tests.support.row_shapes import tables, typed
 
 Row = dict[str, Any]
@@ -41,7 +42,7 @@ def there_and_back(folder: Path, kind: str, **options: Any) -> dict[str, list[Ro
 
 
 @given(st.sampled_from(sorted(KINDS)), tables(), tables(), st.integers(1, 3))
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(25), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_rows_come_back_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, kind: str, first: list[Row], second: list[Row], repeats: int
 ) -> None:

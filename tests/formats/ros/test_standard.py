@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from ml_dash_mcap.errors import ConversionError, ConversionWarning
 from ml_dash_mcap.meaning import ros_units
 from tests.support.bags import ROBOT, Found, export, record, with_rosbags
+from tests.support.examples import examples
 
 Row = dict[str, Any]
 
@@ -468,7 +469,7 @@ def joint_rows(draw: st.DrawFn) -> Row:
     return {"name": names, **row}
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(rows=st.lists(joint_rows(), min_size=1, max_size=6), format=st.sampled_from(["rosbag2", "rosbag1"]))
 def test_whatever_joints_rows_have_their_messages_have_the_same(rows: list[Row], format: str) -> None:
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():

@@ -28,6 +28,7 @@ from ml_dash_mcap.formats.topic_part import Selection
 from ml_dash_mcap.rows.dotted import flatten
 from tests.formats.tables.test_parquet_files import _a_block_a_chunk, recording, steps  # noqa: F401
 from tests.read.test_columns import ROWS
+from tests.support.examples import examples
 
 
 def exported(rec: Recording, **options: Any) -> Path:
@@ -238,7 +239,7 @@ def pick(value: Any, index: tuple[int, ...]) -> Any:
     return value
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.lists(ROWS, min_size=1, max_size=3), min_size=1, max_size=4))
 def test_every_cell_shows_its_value(chunks: list[list[dict[str, Any]]]) -> None:
     numbers = iter(range(100))

@@ -24,6 +24,7 @@ from ml_dash_mcap.formats import readers
 from ml_dash_mcap.formats.tables.csv import tokens
 from tests.formats.tables.test_parquet import normal, rows
 from tests.support import shared
+from tests.support.examples import examples
 from tests.support.row_shapes import typed
 
 
@@ -268,7 +269,7 @@ def test_files_of_other_writers_are_read_as_they_were_written(tmp_path: Path, wr
     assert found == [{key: row[key] for key in ("x", "n", "s", "ok", "_ts")} for row in expected]
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(200), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     cells=st.lists(st.lists(st.text('ab",;\r\n\té 1.-', max_size=5), min_size=2, max_size=2), min_size=1, max_size=6),
     separator=st.sampled_from(",;\t"),
@@ -330,7 +331,7 @@ OWN = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(40), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(drawn=st.lists(OWN, min_size=1, max_size=6))
 def test_any_rows_of_ours_come_back(drawn: list[dict[str, Any]]) -> None:
     given_rows = [{**row, "_ts": at / 8} for at, row in enumerate(drawn)]

@@ -17,6 +17,7 @@ from ml_dash_mcap import Recorder, Recording, convert
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError, UsageError
 from ml_dash_mcap.formats.tables.jsonl import read as jsonl
 from tests.formats.tables.test_parquet import normal, rows
+from tests.support.examples import examples
 from tests.support.row_shapes import typed
 
 
@@ -119,7 +120,7 @@ OWN = st.fixed_dictionaries(
 )  # fmt: skip
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(40), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(drawn=st.lists(OWN, min_size=1, max_size=6))
 def test_any_rows_of_ours_come_back(drawn: list[dict[str, Any]]) -> None:
     given_rows = [{**row, "_ts": at / 8} for at, row in enumerate(drawn)]

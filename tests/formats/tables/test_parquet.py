@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, Recording, convert
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError, NotFoundError, OptionError, UsageError
+from tests.support.examples import examples
 from tests.support.row_shapes import typed
 
 READS_GAPS = int(pa.__version__.split(".")[0]) >= 26
@@ -421,7 +422,7 @@ def plain(value: Any) -> Any:
     return str(value) if isinstance(value, decimal.Decimal) else value
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(50), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_a_table_of_any_types_is_the_rows_that_arrow_says(data: st.DataObject) -> None:
     count = data.draw(st.integers(1, 5))
@@ -449,7 +450,7 @@ VECTORS: dict[pa.DataType, st.SearchStrategy[Any]] = {
 }
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(50), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_a_table_goes_in_and_comes_out_as_the_same_table(data: st.DataObject) -> None:
     count = data.draw(st.integers(1, 6))
@@ -608,7 +609,7 @@ RANDOM = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(30), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(drawn=st.lists(RANDOM, min_size=1, max_size=6), flatten=st.booleans())
 def test_any_rows_of_ours_come_back(drawn: list[dict[str, Any]], flatten: bool) -> None:
     given_rows = [{**row, "_ts": at / 8} for at, row in enumerate(drawn)]

@@ -26,6 +26,7 @@ from ml_dash_mcap.rows.dotted import flatten
 from ml_dash_mcap.rows.encode import exact
 from ml_dash_mcap.rows.table import ENCODING_KEY, Column, values_of
 from tests.read.test_columns import ROWS
+from tests.support.examples import examples
 from tests.support.files import save
 
 Rows = Sequence[Mapping[str, Any]]
@@ -176,7 +177,7 @@ def comparable(rows: list[dict[str, Any]]) -> list[dict[str, str]]:
 CHUNKS = st.lists(st.lists(ROWS, min_size=1, max_size=3), min_size=1, max_size=4)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(CHUNKS)
 def test_every_row_comes_back_whatever_the_blocks_hold(chunks: list[list[dict[str, Any]]]) -> None:
     numbers = iter(range(100))
