@@ -13,6 +13,8 @@
     ├── RangeError           (ValueError)                a range that ends before it starts, or of no numbers
     ├── StorageError         (OSError)                   a folder or file that cannot be made, written or locked
     │   ├── MissingRecordingError  (FileNotFoundError)   a path where no recording is
+    │   ├── MissingObjectError     (FileNotFoundError)   a name under which a store has nothing
+    │   ├── StaleVersionError                            an object that was replaced since it was looked at
     │   └── DestinationExistsError (FileExistsError)     an export's destination that is there already
     ├── NotFoundError        (KeyError)                  a topic, column or entry that is not there
     ├── AlignmentError       (ValueError)                a method or rate that topics cannot be aligned with
@@ -83,8 +85,16 @@ class MissingRecordingError(StorageError, FileNotFoundError):
     """A path where no recording is."""
 
 
+class MissingObjectError(StorageError, FileNotFoundError):
+    """A name under which a store has nothing."""
+
+
+class StaleVersionError(StorageError):
+    """An object of a store that is not the version any more that the caller has seen; nothing was written."""
+
+
 class DestinationExistsError(StorageError, FileExistsError):
-    """The destination of an export is there already; nothing was written."""
+    """The destination of an export, or a new object's name, is there already; nothing was written."""
 
 
 class NotFoundError(RecorderError, KeyError):

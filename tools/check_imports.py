@@ -76,6 +76,7 @@ HEAVY = {
     "google": {"codecs.protobuf"},
     "mcap_protobuf": {"codecs.protobuf"},
     "ezc3d": {"formats.mocap.c3d.write"},
+    "obstore": {"store.objects"},
     "PIL": {"run.images"},
     "rich": {"cli.output", "cli.progress"},
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import unicodedata
 from pathlib import Path
 
 from ..errors import PrefixError, UsageError
@@ -66,6 +67,28 @@ def components(name: str, what: str) -> list[str]:
         if trouble:
             raise PrefixError(f"{what}={name!r} {trouble}")
     return parts
+
+
+def object_name(name: str) -> str:
+    """Return the name of an object in a store, checked: relative, `/` between its parts, no part that leads upwards.
+
+    Args:
+        name: Such as "alice/run-1/20260101T000000Z_000001.mcap".
+
+    Raises:
+        PrefixError: No file system or object store takes it, or it would leave the store.
+        UsageError: It is not text.
+    """
+    components(name, "name")
+    control = next((letter for letter in name if unicodedata.category(letter) == "Cc"), None)
+    if control is not None:
+        raise PrefixError(f"name={name!r} has the control character {control!r}, which object stores refuse")
+    return name
+
+
+def folder_name(prefix: str) -> str:
+    """Return the name of a folder in a store, checked as `object_name` does; "" is the whole store."""
+    return object_name(prefix) if prefix else ""
 
 
 def _trouble(part: str) -> str:

@@ -1,0 +1,209 @@
+"""A folder of this machine as a store."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import shutil
+import stat
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from ..errors import DestinationExistsError, MissingObjectError, PrefixError, StaleVersionError, StorageError
+from .safe_paths import folder_name, object_name
+from .store import ByteRange, Content, StoredObject
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+_PART = re.compile(r"\..*\.[0-9a-f]{32}\.part")
+"""What a file is called until it is whole: a process that dies leaves one that is no object."""
+
+_COPIED_BYTES = 1024 * 1024
+
+_LONGEST_STEM = 50
+"""So many letters of an object's name stand in that of its part, which must not be longer than file systems allow."""
+
+
+class LocalFolder:
+    """A folder and all below it as a store. `Recording(path)` needs none; this is for code that takes any store.
+
+    Files that others put there are objects too, except pipes, devices, links that lead nowhere, and files whose names
+    are not portable (see `safe_paths.object_name`). On Windows, conditions hold between threads, not between processes.
+    """
+
+    def __init__(self, root: str | Path) -> None:
+        """Name the folder; it is made when something is put there."""
+        self.root = Path(root).expanduser()
+        self._turn_lock = threading.Lock()
+        """Guards looking at a version and replacing it, between threads; `_turn` does so between processes."""
+
+    @property
+    def url(self) -> str:
+        """The folder's path."""
+        return str(self.root)
+
+    def path_of(self, name: str) -> Path:
+        """Return where an object is, or would be; "" is the folder itself."""
+        return self.root / name
+
+    def list(self, prefix: str = "", *, recursive: bool = True) -> Sequence[StoredObject]:
+        """Return the objects in a folder, sorted by name; see `Store.list`."""
+        folder = self.path_of(folder_name(prefix))
+        with _mapped(folder, "listed"):
+            entries = [self._entry(path) for path in _files(folder, recursive)]
+        return sorted((entry for entry in entries if entry is not None), key=lambda entry: entry.name)
+
+    def head(self, name: str) -> StoredObject:
+        """Return what is known about an object; see `Store.head`."""
+        path = self.path_of(object_name(name))
+        with _mapped(path, "read"):
+            entry = self._entry(path)
+        if entry is None:
+            raise MissingObjectError(errno.ENOENT, "no such object", str(path))
+        return entry
+
+    def read_ranges(self, stored: StoredObject, ranges: Sequence[ByteRange]) -> Sequence[bytes]:
+        """Return the bytes of several ranges; see `Store.read_ranges`."""
+        path = self.path_of(object_name(stored.name))
+        with _mapped(path, "read"), path.open("rb") as file:
+            if _version(os.fstat(file.fileno())) != stored.version:
+                raise StaleVersionError(errno.ESTALE, "was replaced since", str(path))
+            return [_read(file, start, min(end, stored.size)) for start, end in ranges]
+
+    def put(self, name: str, content: Content) -> str:
+        """Store an object, whatever has the name; see `Store.put`."""
+        return self._put(name, content, lambda path: None)
+
+    def put_new(self, name: str, content: Content) -> str:
+        """Store an object if none has the name; see `Store.put_new`."""
+
+        def check(path: Path) -> None:
+            if os.path.lexists(path):
+                raise DestinationExistsError(errno.EEXIST, "is there already", str(path))
+
+        return self._put(name, content, check)
+
+    def replace(self, name: str, content: Content, version: str) -> str:
+        """Store an object in the place of one version of it; see `Store.replace`."""
+
+        def check(path: Path) -> None:
+            entry = self._entry(path)
+            if entry is None or entry.version != version:
+                raise StaleVersionError(errno.ESTALE, "was replaced or removed since", str(path))
+
+        return self._put(name, content, check)
+
+    def delete(self, name: str) -> None:
+        """Remove an object; see `Store.delete`."""
+        path = self.path_of(object_name(name))
+        with _mapped(path, "removed"), suppress(FileNotFoundError, NotADirectoryError), self._turn():
+            path.unlink()
+
+    def __repr__(self) -> str:
+        return f"LocalFolder({self.url!r})"
+
+    def _put(self, name: str, content: Content, check: Callable[[Path], None]) -> str:
+        """Write an object beside its place, and give it its name if `check` does not raise."""
+        path = self.path_of(object_name(name))
+        if _PART.fullmatch(path.name):
+            raise PrefixError(f"name={name!r} is that of a file that is still being written")
+        part = path.with_name(f".{path.name[:_LONGEST_STEM]}.{uuid.uuid4().hex}.part")
+        with _mapped(path, "written"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                version = _write(part, content)
+                with self._turn():
+                    check(path)
+                    os.replace(part, path)
+            except BaseException:
+                with suppress(OSError):
+                    part.unlink()
+                raise
+        return version
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Let nobody else change what has which name meanwhile."""
+        with self._turn_lock:
+            if fcntl is None:
+                yield
+                return
+            descriptor = os.open(self.root, os.O_RDONLY)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX)  # of the folder itself: a lock file would stay behind
+                yield
+            finally:
+                os.close(descriptor)
+
+    def _entry(self, path: Path) -> StoredObject | None:
+        """Return what is known about a file; None if it is no object."""
+        name = path.relative_to(self.root).as_posix()
+        try:
+            object_name(name)
+            status = path.stat()
+        except (PrefixError, FileNotFoundError, NotADirectoryError):
+            return None
+        if not stat.S_ISREG(status.st_mode) or _PART.fullmatch(path.name):
+            return None
+        return StoredObject(name, status.st_size, status.st_mtime, _version(status))
+
+
+def _files(folder: Path, recursive: bool) -> Iterator[Path]:
+    """Yield all files in a folder, and in those below it; links to folders are not followed."""
+
+    def refuse(error: OSError) -> None:
+        if not isinstance(error, (FileNotFoundError, NotADirectoryError)):
+            raise error
+
+    for place, names, files in os.walk(folder, onerror=refuse):
+        if not recursive:
+            names.clear()
+        yield from (Path(place, name) for name in files)
+
+
+def _write(part: Path, content: Content) -> str:
+    """Write a file, to the disk; returns its version."""
+    with part.open("xb") as file:
+        if isinstance(content, Path):
+            with _mapped(content, "copied"), content.open("rb") as source:
+                shutil.copyfileobj(source, file, _COPIED_BYTES)
+        else:
+            file.write(content)
+        file.flush()
+        os.fsync(file.fileno())  # a rename may reach the disk before what it renames
+    now_ns = time.time_ns()
+    os.utime(part, ns=(now_ns, now_ns))  # the system's own times go in steps of some ms, which two versions may share
+    return _version(part.stat())
+
+
+def _version(status: os.stat_result) -> str:
+    return f"{status.st_ino:x}-{status.st_mtime_ns:x}-{status.st_size:x}"
+
+
+def _read(file: BinaryIO, start: int, end: int) -> bytes:
+    if start >= end:
+        return b""
+    file.seek(start)
+    return file.read(end - start)
+
+
+@contextmanager
+def _mapped(path: Path, verb: str) -> Iterator[None]:
+    """Turn what the system raises into errors of ours."""
+    try:
+        yield
+    except StorageError:
+        raise
+    except OSError as error:
+        if verb == "read" and isinstance(error, (FileNotFoundError, NotADirectoryError)):
+            raise MissingObjectError(error.errno, "no such object", str(path)) from error
+        raise StorageError(error.errno, f"cannot be {verb}: {error.strerror}", str(path)) from error

@@ -1,0 +1,98 @@
+"""An object of a store, read by range as a file is."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Sequence
+from itertools import count
+
+from ..errors import StorageError
+from .block_cache import BLOCK_BYTES, BlockCache
+from .store import ByteRange, Store, StoredObject
+
+_blocks = BlockCache(64 * 1024 * 1024)
+"""Shared by all objects that are open, so that a recording of a thousand files is bounded too."""
+
+_numbers = count()
+
+
+class ObjectSource:
+    """One version of an object as a `Source`. Any thread may read from it.
+
+    A read shorter than a block fetches the blocks that hold it, and the first one fetches the object's first and last
+    block together: the magic, the header and the summary of most MCAP files. Longer reads fetch exactly what they want.
+    """
+
+    def __init__(self, store: Store, stored: StoredObject) -> None:
+        """Begin with nothing read.
+
+        Args:
+            store: Where it lies.
+            stored: The object, as the store listed it.
+        """
+        self._store = store
+        self._stored = stored
+        self._owner = next(_numbers)
+        self._is_primed = False
+        self._is_closed = False
+
+    @property
+    def name(self) -> str:
+        """Its name in the store."""
+        return self._stored.name
+
+    def size(self) -> int:
+        """Return how many bytes this version has."""
+        return self._stored.size
+
+    def stored_bytes(self) -> int:
+        """Return how many bytes this version has: an object has no holes."""
+        return self._stored.size
+
+    def is_version(self, stored: StoredObject) -> bool:
+        """Whether a store's object is still what is read here."""
+        return (stored.name, stored.version) == (self._stored.name, self._stored.version)
+
+    def read(self, offset: int, length: int) -> bytes:
+        """Return the bytes of [offset, offset + length); fewer only where the object ends before.
+
+        Raises:
+            StorageError: It cannot be read, or was closed.
+            StaleVersionError: It was replaced since it was opened.
+        """
+        if self._is_closed:
+            raise StorageError(errno.EBADF, "cannot be read: it was closed", self._stored.name)
+        end = min(offset + length, self._stored.size)
+        if offset >= end:
+            return b""
+        if end - offset >= BLOCK_BYTES:
+            return self._store.read_ranges(self._stored, [(offset, end)])[0]
+        first, last = offset // BLOCK_BYTES, (end - 1) // BLOCK_BYTES
+        blocks = self._kept(range(first, last + 1))
+        joined = blocks[first] if first == last else blocks[first] + blocks[last]
+        return joined[offset - first * BLOCK_BYTES : end - first * BLOCK_BYTES]
+
+    def _kept(self, numbers: Sequence[int]) -> dict[int, bytes]:
+        """Return blocks by their numbers, after fetching those that are not kept."""
+        blocks = _blocks.get(self._owner, numbers)
+        missing = {number for number in numbers if number not in blocks}
+        if not missing:
+            return blocks
+        if not self._is_primed:
+            missing |= {0, (self._stored.size - 1) // BLOCK_BYTES}
+        wanted = sorted(missing)
+        fetched = self._store.read_ranges(self._stored, [_range(number) for number in wanted])
+        self._is_primed = True
+        new = dict(zip(wanted, fetched, strict=True))
+        _blocks.put(self._owner, new)
+        return blocks | new
+
+    def close(self) -> None:
+        """Let go of what was read. May be called twice."""
+        self._is_closed = True
+        _blocks.forget(self._owner)
+
+
+def _range(number: int) -> ByteRange:
+    """Return where a block lies; the last one ends with its object."""
+    return number * BLOCK_BYTES, (number + 1) * BLOCK_BYTES

@@ -1,0 +1,152 @@
+"""The stores of the package obstore (memory, S3, Google Cloud, Azure) as stores of ours: the extra `s3`."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
+
+from obstore.exceptions import (
+    AlreadyExistsError,
+    BaseError,
+    PermissionDeniedError,
+    PreconditionError,
+    UnauthenticatedError,
+)
+
+from ..errors import DestinationExistsError, MissingObjectError, StaleVersionError, StorageError
+from .ranges import coalesced, cut
+from .safe_paths import folder_name, object_name
+from .store import ByteRange, Content, StoredObject
+
+if TYPE_CHECKING:
+    from obstore import ObjectMeta
+    from obstore.store import ObjectStore as AnyObstore
+
+GAP_BYTES = 1024 * 1024
+"""Ranges that lie at most this far apart are one request, in bytes: a request costs more than these bytes."""
+
+_MOST_REQUESTS = 8
+"""So many go on at once."""
+
+
+class ObjectStore:
+    """A store of obstore's.
+
+    Conditions (`put_new`, `replace`) are the server's own, and so are versions: its entity tags.
+
+    Example:
+        >>> from obstore.store import MemoryStore
+        >>> store = ObjectStore(MemoryStore())
+        >>> store.put("run/1.mcap", Path("1.mcap"))
+        >>> Recording("run", store=store)
+    """
+
+    def __init__(self, store: AnyObstore, *, url: str | None = None) -> None:
+        """Take a store of obstore's, as `obstore.store.from_url` makes it.
+
+        Args:
+            store: It keeps the credentials and the settings of retries.
+            url: What error messages call it; the name of its class by default.
+        """
+        self._store = store
+        self._url = type(store).__name__ if url is None else url
+
+    @property
+    def url(self) -> str:
+        """What error messages call it."""
+        return self._url
+
+    def list(self, prefix: str = "", *, recursive: bool = True) -> Sequence[StoredObject]:
+        """Return the objects in a folder, sorted by name; see `Store.list`."""
+        folder = folder_name(prefix)
+        with self._mapped(folder):
+            if recursive:
+                metas: Sequence[ObjectMeta] = [meta for page in self._store.list(folder) for meta in page]
+            else:
+                metas = self._store.list_with_delimiter(folder)["objects"]
+        return sorted(map(_stored, metas), key=lambda stored: stored.name)
+
+    def head(self, name: str) -> StoredObject:
+        """Return what is known about an object; see `Store.head`."""
+        with self._mapped(object_name(name)):
+            return _stored(self._store.head(name))
+
+    def read_ranges(self, stored: StoredObject, ranges: Sequence[ByteRange]) -> Sequence[bytes]:
+        """Return the bytes of several ranges, which are fetched side by side; see `Store.read_ranges`."""
+        object_name(stored.name)
+        clipped = [(start, max(start, min(end, stored.size))) for start, end in ranges]
+        requests = coalesced(clipped, GAP_BYTES)
+        parts = dict(zip(requests, _side_by_side(lambda one: self._read(stored, *one), requests), strict=True))
+        return [cut(parts, start, end) for start, end in clipped]
+
+    def put(self, name: str, content: Content) -> str:
+        """Store an object, whatever has the name; see `Store.put`."""
+        return self._put(name, content, "overwrite")
+
+    def put_new(self, name: str, content: Content) -> str:
+        """Store an object if none has the name; see `Store.put_new`. It is sent in one request."""
+        return self._put(name, content, "create")
+
+    def replace(self, name: str, content: Content, version: str) -> str:
+        """Store an object in the place of one version of it; see `Store.replace`. It is sent in one request."""
+        return self._put(name, content, {"e_tag": version})
+
+    def delete(self, name: str) -> None:
+        """Remove an object; see `Store.delete`."""
+        with self._mapped(object_name(name)), suppress(FileNotFoundError):  # some stores raise it, others do not
+            self._store.delete(name)
+
+    def __repr__(self) -> str:
+        return f"ObjectStore({self._store!r}, url={self._url!r})"
+
+    def _put(self, name: str, content: Content, mode: Any) -> str:
+        object_name(name)
+        try:
+            with self._mapped(name):
+                result = self._store.put(name, content, mode=mode)
+        except MissingObjectError as error:  # of the content: where an object is put, none needs to be
+            raise StorageError(errno.ENOENT, "cannot be copied: no such file", str(content)) from error
+        return result["e_tag"] or ""
+
+    def _read(self, stored: StoredObject, start: int, end: int) -> bytes:
+        """Return one range of one version of an object."""
+        with self._mapped(stored.name):
+            result = self._store.get(stored.name, options={"range": (start, end), "if_match": stored.version or None})
+            return bytes(result.bytes())
+
+    @contextmanager
+    def _mapped(self, name: str) -> Iterator[None]:
+        """Turn what obstore raises into errors of ours."""
+        place = f"{self._url}/{name}"
+        try:
+            yield
+        except FileNotFoundError as error:
+            raise MissingObjectError(errno.ENOENT, "no such object", place) from error
+        except AlreadyExistsError as error:
+            raise DestinationExistsError(errno.EEXIST, "is there already", place) from error
+        except PreconditionError as error:
+            raise StaleVersionError(errno.ESTALE, "was replaced or removed since", place) from error
+        except (PermissionDeniedError, UnauthenticatedError) as error:
+            raise StorageError(errno.EACCES, _first_line(error), place) from error
+        except BaseError as error:
+            raise StorageError(errno.EIO, _first_line(error), place) from error
+
+
+def _stored(meta: ObjectMeta) -> StoredObject:
+    return StoredObject(meta["path"], meta["size"], meta["last_modified"].timestamp(), meta["e_tag"] or "")
+
+
+def _side_by_side(fetch: Callable[[ByteRange], bytes], requests: Sequence[ByteRange]) -> Sequence[bytes]:
+    """Return what each request fetches; threads of their own wait for them, as nothing else here waits."""
+    if len(requests) < 2:
+        return [fetch(request) for request in requests]
+    with ThreadPoolExecutor(min(len(requests), _MOST_REQUESTS), "ml_dash_mcap store") as threads:
+        return list(threads.map(fetch, requests))
+
+
+def _first_line(error: BaseError) -> str:
+    """Return what obstore says, without the dump of Rust's structures behind it."""
+    return str(error).partition("\n")[0]

@@ -1,0 +1,94 @@
+"""What a store does: whole objects under names, listed, read by range, and replaced on condition."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, TypeAlias
+
+Content: TypeAlias = bytes | Path
+"""What an object is made of: bytes, or those of a local file that does not change meanwhile."""
+
+ByteRange: TypeAlias = tuple[int, int]
+"""Where a range starts, and where it ends: the end is not included."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoredObject:
+    """An object as it was when it was listed or looked at."""
+
+    name: str
+    """Relative to its store, with `/` between its parts."""
+    size: int
+    """In bytes."""
+    modified: float
+    """When it was written, in s since 1970 (UTC)."""
+    version: str
+    """Differs from that of every other content that the name has or had."""
+
+
+class Store(Protocol):
+    """A place of whole objects: a folder, a bucket, a dictionary.
+
+    Names are relative, have `/` between their parts on every system, and never leave the store. An object appears when
+    it is whole, and a reader sees all of one version or nothing of it. Any thread of any process may call everything.
+
+    All methods raise PrefixError for a name that no store takes (see `safe_paths.object_name`), and StorageError for
+    whatever else the store refuses. A class that has these methods is a store; it need not inherit from this one, and
+    passes `StoreLaws` of the tests.
+    """
+
+    @property
+    def url(self) -> str:
+        """What error messages call it."""
+
+    def list(self, prefix: str = "", *, recursive: bool = True) -> Sequence[StoredObject]:
+        """Return the objects in a folder, sorted by name; none if there is no such folder.
+
+        Args:
+            prefix: The folder's name: "run" is that of "run/a" and "run/b/c", not of "run" and "run-2/a".
+            recursive: Whether those in the folders below it are wanted too.
+        """
+
+    def head(self, name: str) -> StoredObject:
+        """Return what is known about an object without its bytes.
+
+        Raises:
+            MissingObjectError: There is none.
+        """
+
+    def read_ranges(self, stored: StoredObject, ranges: Sequence[ByteRange]) -> Sequence[bytes]:
+        """Return the bytes of several ranges, each [start, end); as few requests as that takes.
+
+        Args:
+            stored: The object, as `head` or `list` returned it.
+            ranges: In any order; the bytes come in the same one. What lies behind the object's end is left out.
+
+        Raises:
+            MissingObjectError: The object is gone.
+            StaleVersionError: It was replaced since.
+        """
+
+    def put(self, name: str, content: Content) -> str:
+        """Store an object, in the place of one that has the name; returns its version."""
+
+    def put_new(self, name: str, content: Content) -> str:
+        """Store an object if none has the name: of several callers at once, one does; returns its version.
+
+        Raises:
+            DestinationExistsError: One has.
+        """
+
+    def replace(self, name: str, content: Content, version: str) -> str:
+        """Store an object in the place of one version of it: of several callers at once, one does.
+
+        Returns:
+            Its new version.
+
+        Raises:
+            StaleVersionError: What has the name is another version, or nothing has it any more.
+        """
+
+    def delete(self, name: str) -> None:
+        """Remove an object; nothing happens if there is none."""
