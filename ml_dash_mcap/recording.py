@@ -41,11 +41,12 @@ from .mcap.losses import Loss
 from .query import attachments, counts, topic_rows
 from .query.attachments import Attachments
 from .query.file import File
+from .query.lazy_mapping import Lookup
 from .query.open_files import Segments
 from .query.topic_rows import check_range
-from .rows.lazy_mapping import Lookup, not_found
-from .rows.result_shapes import BytesFormat, Entries, Take
+from .rows.result_dicts import BytesFormat, Entries, Take
 from .store.safe_paths import place
+from .suggestions import not_found
 from .topic_reader import TopicReader
 
 if TYPE_CHECKING:

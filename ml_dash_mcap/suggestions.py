@@ -8,6 +8,8 @@ import inspect
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
+from .errors import NotFoundError
+
 T = TypeVar("T")
 
 _SIMILARITY = 0.55
@@ -50,6 +52,11 @@ def hint(name: object, known: Iterable[str], *, spelling: str = "{!r}", listing:
         return question
     shown = ", ".join(map(spelling.format, names[:_LISTED])) + (", ..." if len(names) > _LISTED else "")
     return listing.format(shown or "none")
+
+
+def not_found(what: str, name: object, names: Iterable[str], where: str = "") -> NotFoundError:
+    """Return the error for a name that is not there, with the names that look most like it, and where it was sought."""
+    return NotFoundError(f"no {what} {name!r} in the recording; {hint(name, names)}" + (f" ({where})" if where else ""))
 
 
 def did_you_mean(name: object, known: Iterable[str], *, spelling: str = "{!r}") -> str:

@@ -16,16 +16,15 @@ from .query import row_positions
 from .query.file import File
 from .query.topic_rows import check_index, check_range
 from .rows.dotted import FIELD_PREFIX, check_columns
-from .rows.lazy_mapping import not_found
-from .rows.result_shapes import BytesFormat, Entries, Take
-from .suggestions import did_you_mean
+from .rows.result_dicts import BytesFormat, Entries, Take
+from .suggestions import did_you_mean, not_found
 
 if TYPE_CHECKING:
     import pandas as pd
     import polars as pl
     import pyarrow as pa
 
-    from .rows.data_frames import TimeForm
+    from .rows.to_data_frames import TimeForm
 
 Row = dict[str, Any]
 
@@ -243,7 +242,7 @@ class TopicReader:
             >>> rec["robot"].to_numpy(columns=["stamp_ns"])["stamp_ns"]
             masked_array(data=[1700000000123456789, --], mask=[False, True], fill_value=999999)
         """
-        from .rows.arrays import from_table
+        from .rows.numpy_columns import from_table
 
         table = self.to_arrow(start_timestamp, end_timestamp, columns, start_index=start_index, limit=limit)
         return from_table(table)
@@ -276,10 +275,10 @@ class TopicReader:
         Example:
             >>> rec["robot"].to_pandas(flatten=True, time="datetime").resample("100ms").mean()
         """
-        from .rows import data_frames
+        from .rows import to_data_frames
 
         table = self.to_arrow(start_timestamp, end_timestamp, columns, start_index=start_index, limit=limit)
-        return data_frames.to_pandas(data_frames.shaped(table, flatten=flatten, time=time))
+        return to_data_frames.to_pandas(to_data_frames.shaped(table, flatten=flatten, time=time))
 
     def to_polars(
         self,
@@ -302,10 +301,10 @@ class TopicReader:
         Raises:
             OptionError: There is no such `time`; also a ValueError.
         """
-        from .rows import data_frames
+        from .rows import to_data_frames
 
         table = self.to_arrow(start_timestamp, end_timestamp, columns, start_index=start_index, limit=limit)
-        return data_frames.to_polars(data_frames.shaped(table, flatten=flatten, time=time))
+        return to_data_frames.to_polars(to_data_frames.shaped(table, flatten=flatten, time=time))
 
     def batches(
         self,
@@ -325,12 +324,12 @@ class TopicReader:
         Args:
             rows: How many rows a table has, but the last.
         """
-        from .rows.batches import of_size
+        from .rows.table import tables_of_size
 
         if check_index("rows", rows) < 1:
             raise RangeError(f"rows={rows!r}: a batch has one row or more")
         selection = self._select(start_timestamp, end_timestamp, columns, start_index, limit)
-        return of_size(selection.blocks(), rows, topic=self.name)
+        return tables_of_size(selection.blocks(), rows, topic=self.name)
 
     def at(self, time: float) -> Row:
         """Return the last row at or before a time, in s.

@@ -24,7 +24,7 @@ from typing_extensions import assert_type
 
 from ml_dash_mcap import Experiment, Recorder, Recording, Session, Topic, convert, recordings
 from ml_dash_mcap.catalog import CatalogEntry
-from ml_dash_mcap.rows.result_shapes import Entries, Page, Take, TimePage
+from ml_dash_mcap.rows.result_dicts import Entries, Page, Take, TimePage
 from ml_dash_mcap.run.logs import Logs
 from ml_dash_mcap.run.metrics import Metric
 from ml_dash_mcap.run.dreamlake_tracks import SessionTrack

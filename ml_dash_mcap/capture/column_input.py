@@ -14,7 +14,7 @@ import orjson
 from .. import clock
 from ..errors import FieldError, TimestampError
 from ..mcap import record_bytes as records
-from ..rows import frame_columns, packed
+from ..rows import from_data_frames, packed
 from ..rows.encode import TIME_KEY
 from ..time_hints import seconds_hint, unit_hint
 from ..timestamps import MISSING
@@ -58,11 +58,11 @@ def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes) ->
         TimestampError: `times_s` is missing or has a time stamp that is not finite, negative or too large.
         FieldError: A column has another length, or a value cannot be stored.
     """
-    times = _times(frame_columns.plain(times_s), topic)
+    times = _times(from_data_frames.plain(times_s), topic)
     for name in columns:
         _check_name(name, topic)
     found = {
-        name: column_rows.checked(name, frame_columns.plain(column), len(times), topic)
+        name: column_rows.checked(name, from_data_frames.plain(column), len(times), topic)
         for name, column in columns.items()
     }
     every = list(column_rows.leaves(found))

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..inspect.topics import TopicInfo
 from ..query.file import File
-from ..rows.lazy_mapping import Lookup
+from ..query.lazy_mapping import Lookup
 from .topic_part import Selection
 
 Progress = Callable[[int, int], object]

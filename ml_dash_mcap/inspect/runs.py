@@ -12,7 +12,7 @@ from ..errors import DamagedFileError, NotFoundError, OptionError
 from ..file_names import ABOUT_RECORD, ACTIVE_SUFFIX, OWN_TOPICS
 from ..query import counts
 from ..query.file import File
-from ..rows.lazy_mapping import Lookup
+from ..query.lazy_mapping import Lookup
 from . import run_metadata, writing_order
 
 ENDED = ("completed", "failed", "cancelled")

@@ -17,7 +17,7 @@ from ..mcap.file_index import replanned
 from ..mcap.records import Chunk
 from ..query import topic_rows, true_records
 from ..query.file import File
-from ..rows import read_ahead
+from ..store import read_ahead
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from ..errors import DamagedFileError
 from ..mcap import records
 from ..mcap.record_fields import Fields
 from ..mcap.records import AttachmentEntry, Opcode
-from ..rows.lazy_mapping import Lookup
 from .file import File
+from .lazy_mapping import Lookup
 
 _HEAD_BYTES = 4096
 """So much is read to see whether an attachment is what the index says."""

@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ..codecs.decode import Decoder, Row
-from ..rows import same_bytes
+from ..rows import zero_copy
 from ..rows.encode import TIME_KEY
 from ..rows.json_lines import LineReader, joined
 from ..rows.table import Block, Column
@@ -104,7 +104,7 @@ class _Reading:
         times = flat.get(TIME_KEY)
         if times is None or not pa.types.is_float64(times.type):
             return None
-        if not bool(time_order.is_close(same_bytes.to_numpy(times), cut.times_ns).all()):
+        if not bool(time_order.is_close(zero_copy.to_numpy(times), cut.times_ns).all()):
             return None
         return Block(len(payloads), {name: Column(array) for name, array in flat.items()})
 
@@ -116,7 +116,7 @@ class _Reading:
         whole = blocks[0] if len(blocks) == 1 else _joined(blocks)
         if whole is None:
             return None
-        times = same_bytes.to_numpy(whole.columns[TIME_KEY].array)
+        times = zero_copy.to_numpy(whole.columns[TIME_KEY].array)
         if not bool((times[:-1] < times[1:]).all()):
             order = np.argsort(times, kind="stable")
             whole, times = whole.take(order), times[order]

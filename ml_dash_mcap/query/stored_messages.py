@@ -11,7 +11,7 @@ from ..mcap.chunk_reader import MESSAGE_HEAD, Messages
 from ..mcap.file_index import ReindexedError
 from ..mcap.message import Connection, MessageBlock
 from ..mcap.records import LOOSE, Chunk
-from ..rows import read_ahead
+from ..store import read_ahead
 from . import attachments as found_attachments
 from . import plan
 from .file import File

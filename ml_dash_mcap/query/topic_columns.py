@@ -14,11 +14,12 @@ import pyarrow as pa
 from .. import clock
 from ..codecs.decode import Decoder, Row
 from ..file_names import KIND_KEY, TRACK
-from ..rows import read_ahead, same_bytes
+from ..rows import zero_copy
 from ..rows.dotted import FIELD_PREFIX, flatten, project
 from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..rows.json_lines import LineReader, joined
 from ..rows.table import Block, Column, block_of, join
+from ..store import read_ahead
 from . import time_order, topic_messages, topic_rows
 from .file import File
 from .topic_messages import Cut, Origin
@@ -194,7 +195,7 @@ class _Reading:
                 named[FIELD_PREFIX + name if taken else name] = Column(array)
         if len(named) < len(flat) and self._columns is None:
             return None
-        return _Parsed(pieces, times, Block(len(times), {self._time_name: Column(same_bytes.to_arrow(times)), **named}))
+        return _Parsed(pieces, times, Block(len(times), {self._time_name: Column(zero_copy.to_arrow(times)), **named}))
 
     def _is_wanted(self, name: str) -> bool:
         columns = self._columns
@@ -322,7 +323,7 @@ def _times(column: Any, times_ns: npt.NDArray[np.uint64]) -> npt.NDArray[np.floa
         return np.array(clock.to_seconds_each(times_ns.tolist()))
     if column.null_count:
         column = column.fill_null(-1)
-    said: npt.NDArray[np.float64] = same_bytes.to_numpy(column).astype(np.float64)
+    said: npt.NDArray[np.float64] = zero_copy.to_numpy(column).astype(np.float64)
     others = np.flatnonzero(~time_order.is_close(said, times_ns))
     if len(others):
         said = said.copy()

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..mcap.chunk_reader import Messages
 from ..mcap.file_index import ReindexedError
 from ..mcap.records import Channel, Chunk
-from ..rows import read_ahead
+from ..store import read_ahead
 from . import plan, time_order
 from .file import File
 from .plan import Located

@@ -14,7 +14,7 @@ from ..mcap.chunk_reader import Contents
 from ..mcap.file_index import FileIndex
 from ..mcap.limits import Limits
 from ..mcap.records import Chunk, Opcode, Statistics
-from ..rows import read_ahead
+from ..store import read_ahead
 from ..store.file_source import Source
 
 if TYPE_CHECKING:

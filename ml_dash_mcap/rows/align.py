@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ..errors import AlignmentError
-from . import arrays, interpolate
+from . import interpolate, numpy_columns
 from .align_methods import LINEAR, NEAREST, PREVIOUS, SLERP, Choice, Methods
 from .encode import TIME_KEY
 from .table import ENCODING_KEY
@@ -206,8 +206,8 @@ class _Numbers:
     @staticmethod
     def of(column: Any) -> _Numbers | None:
         """Return a column as numbers; None if it holds something else."""
-        array = arrays.whole(column)
-        shape, leaf = arrays.shape_of(array)
+        array = numpy_columns.whole(column)
+        shape, leaf = numpy_columns.shape_of(array)
         if shape is None or 0 in shape or not (pa.types.is_integer(leaf.type) or pa.types.is_floating(leaf.type)):
             return None
         present = pc.is_valid(array).to_numpy(zero_copy_only=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import AlignmentError, UsageError
-from .lazy_mapping import not_found
+from ..suggestions import not_found
 
 PREVIOUS, NEAREST, LINEAR, SLERP = "previous", "nearest", "linear", "slerp"
 

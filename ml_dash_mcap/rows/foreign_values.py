@@ -15,7 +15,7 @@ from dataclasses import fields as dataclass_fields
 from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from . import frame_columns, packed
+from . import from_data_frames, packed
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -36,7 +36,7 @@ def simple(value: Any) -> Any:
         names = [field.name for field in dataclass_fields(value) if not field.name.startswith("_")]
         return {name: getattr(value, name) for name in names}
     if isinstance(value, (datetime.datetime, datetime.date, datetime.time)):
-        return None if frame_columns.is_missing(value) else value.isoformat()
+        return None if from_data_frames.is_missing(value) else value.isoformat()
     if isinstance(value, uuid.UUID):
         return str(value)
     if isinstance(value, float):
@@ -47,8 +47,8 @@ def simple(value: Any) -> Any:
         return os.fspath(value)
     if isinstance(value, Mapping):
         return dict(value)
-    if frame_columns.library_of(value) is not None:
-        return checked(value, frame_columns.plain_value(value))
+    if from_data_frames.library_of(value) is not None:
+        return checked(value, from_data_frames.plain_value(value))
     if hasattr(value, "tolist") and not isinstance(value, (memoryview, type)):
         return checked(value, value.tolist())
     raise TypeError(f"Type is not JSON serializable: {type(value).__name__}")
@@ -60,10 +60,10 @@ def array_of(value: Any) -> npt.NDArray[Any] | None:
     Arrays are those of numpy, `array.array` of numbers, memoryviews of anything but bytes in a row, columns of pandas,
     polars and pyarrow that are numbers, and whatever has `__array__`, such as tensors.
     """
-    if frame_columns.library_of(value) is not None:
+    if from_data_frames.library_of(value) is not None:
         import numpy as np
 
-        column = frame_columns.plain(value)
+        column = from_data_frames.plain(value)
         is_array = column is not value and hasattr(column, "dtype")
         return np.asarray(column) if is_array else None
     if isinstance(value, memoryview):

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from . import same_bytes
+from . import zero_copy
 from .table import tight
 
 _EXACT_INTEGERS = 2.0**53
@@ -55,7 +55,7 @@ def _is_exact(array: pa.Array, are_own: bool) -> bool:
 
 def _is_safe(array: pa.Array) -> bool:
     """Whether no value can have been an integer that a double rounds."""
-    values = same_bytes.to_numpy(array.drop_null() if array.null_count else array)
+    values = zero_copy.to_numpy(array.drop_null() if array.null_count else array)
     return not len(values) or bool(values.min() > -_EXACT_INTEGERS and values.max() < _EXACT_INTEGERS)
 
 
@@ -76,6 +76,6 @@ def _settled(array: pa.Array) -> pa.Array:
     inner = _settled(array.flatten())
     if inner.type == type_.value_type:
         return array
-    lengths = same_bytes.to_numpy(pc.fill_null(pc.list_value_length(array), 0))
-    offsets = same_bytes.to_arrow(np.concatenate(([0], np.cumsum(lengths))).astype(np.int32))
+    lengths = zero_copy.to_numpy(pc.fill_null(pc.list_value_length(array), 0))
+    offsets = zero_copy.to_arrow(np.concatenate(([0], np.cumsum(lengths))).astype(np.int32))
     return pa.ListArray.from_arrays(offsets, inner, mask=pc.is_null(array) if array.null_count else None)

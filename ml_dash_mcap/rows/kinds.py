@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from . import array_columns
+from . import array_lists
 from .table import Column, to_text, values_of
 
 _EXACT_INTEGERS = 2**53
@@ -175,7 +175,7 @@ def _common(first: pa.DataType, second: pa.DataType, fits: bool, natural: bool) 
         return pa.float64() if fits else None
     if types == {pa.int64(), pa.uint64()}:
         return pa.uint64() if natural else None
-    return array_columns.wider(first, second)
+    return array_lists.wider(first, second)
 
 
 def _common_struct(first: list[pa.Field], second: list[pa.Field], fits: bool, natural: bool) -> pa.DataType | None:

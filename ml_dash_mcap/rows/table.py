@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from . import array_columns, same_bytes
+from . import array_lists, zero_copy
 from .encode import EXACT_KEY, TIME_KEY, dumps_any, encodable, exact_as_read, loads_any, restore
 
 Row = dict[str, Any]
@@ -74,7 +74,7 @@ class Block:
 
     def take(self, which: npt.NDArray[np.intp]) -> Block:
         """Return some of the rows, in the order given."""
-        indices = same_bytes.to_arrow(which)
+        indices = zero_copy.to_arrow(which)
         return Block(
             len(which), {name: Column(one.array.take(indices), one.is_text) for name, one in self.columns.items()}
         )
@@ -119,6 +119,33 @@ def to_table(blocks: Sequence[Block], *, time_name: str = TIME_KEY, topic: str |
     return pa.table([one.array for one in columns.values()], schema=pa.schema(fields, metadata=about))
 
 
+def tables_of_size(
+    blocks: Iterable[Block], rows: int, *, time_name: str = TIME_KEY, topic: str | None = None
+) -> Iterator[pa.Table]:
+    """Yield tables of `rows` rows, the last one of what is left.
+
+    Args:
+        blocks: One behind the other.
+        rows: 1 or more.
+        time_name: The column of time stamps.
+        topic: For the tables' metadata.
+    """
+    waiting: list[Block] = []
+    count = 0
+    for block in blocks:
+        at = 0
+        while count + block.count - at >= rows:
+            waiting.append(block.slice(at, rows - count))
+            at += rows - count
+            yield to_table(waiting, time_name=time_name, topic=topic)
+            waiting, count = [], 0
+        if at < block.count:
+            waiting.append(block.slice(at, block.count - at))
+            count += block.count - at
+    if waiting:
+        yield to_table(waiting, time_name=time_name, topic=topic)
+
+
 def _collect(block: list[Row]) -> dict[str, list[Any]]:
     """Turn rows into columns; what a row does not have is None."""
     columns: dict[str, list[Any]] = {}
@@ -136,11 +163,11 @@ def _collect(block: list[Row]) -> dict[str, list[Any]]:
 
 
 def _column(values: list[Any]) -> Column:
-    if array_columns.has_arrays(values):
-        array = array_columns.of(values)
+    if array_lists.has_arrays(values):
+        array = array_lists.of(values)
         if array is not None:
             return Column(array)
-        values = array_columns.lists(values)
+        values = array_lists.lists(values)
     with contextlib.suppress(UnicodeEncodeError):  # text with lone surrogates
         type_ = arrow_type(values)
         if type_ is not None and is_shallow(type_):
@@ -184,7 +211,7 @@ def _common(first: pa.DataType | None, second: pa.DataType) -> pa.DataType | Non
             return None
         is_fixed = pa.types.is_fixed_size_list(first) and pa.types.is_fixed_size_list(second)
         return pa.list_(inner, first.list_size) if is_fixed and first.list_size == second.list_size else pa.list_(inner)
-    return array_columns.wider(first, second)
+    return array_lists.wider(first, second)
 
 
 def _tight(array: Any) -> Any:
@@ -208,14 +235,14 @@ def tight(array: pa.Array) -> pa.Array:
         return array
     inner, has_gaps = tight(array.flatten()), array.null_count > 0
     each = pc.fill_null(pc.list_value_length(array), 0) if has_gaps else None
-    lengths = np.diff(same_bytes.to_numpy(array.offsets)) if each is None else same_bytes.to_numpy(each)
+    lengths = np.diff(zero_copy.to_numpy(array.offsets)) if each is None else zero_copy.to_numpy(each)
     if (pa.types.is_integer(inner.type) or pa.types.is_floating(inner.type)) and len(inner) and not has_gaps:
         size = int(lengths[0])
         if len(inner) == size * len(array) and (lengths == size).all():
             return pa.FixedSizeListArray.from_arrays(inner, size)
     if inner.type == type_.value_type:
         return array
-    offsets = same_bytes.to_arrow(np.concatenate(([0], np.cumsum(lengths))).astype(np.int32))
+    offsets = zero_copy.to_arrow(np.concatenate(([0], np.cumsum(lengths))).astype(np.int32))
     return pa.ListArray.from_arrays(offsets, inner, mask=pc.is_null(array) if has_gaps else None)
 
 

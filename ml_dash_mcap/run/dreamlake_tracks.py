@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar, overload
 
 from ..errors import RangeError
 from ..rows.encode import TIME_KEY
-from ..rows.result_shapes import BytesFormat, Page, Take, TimePage
+from ..rows.result_dicts import BytesFormat, Page, Take, TimePage
 from ..topic import Topic
 from . import pages
 from .tracks import BoundTopic

@@ -9,7 +9,7 @@ from ..errors import FieldError, UsageError
 from ..file_names import METRIC, METRIC_TOPICS
 from ..recorder import Recorder
 from ..rows.encode import EXACT_KEY, TIME_KEY
-from ..rows.result_shapes import Page
+from ..rows.result_dicts import Page
 from ..topic import EventTopic, check_topic
 from . import pages
 from .readback import Readback

@@ -9,7 +9,7 @@ from typing import Any, SupportsIndex
 
 from .. import clock
 from ..errors import RangeError
-from ..rows.result_shapes import Page, Point
+from ..rows.result_dicts import Page, Point
 from . import utc
 
 CHUNK_SIZE = 10_000

@@ -11,7 +11,7 @@ from ..errors import EntryNotFoundError, FieldError, RangeError
 from ..file_names import TRACK
 from ..meaning.annotations import NOTHING_SAID, collect
 from ..recorder import Recorder
-from ..rows.result_shapes import BytesFormat, Entries, Take
+from ..rows.result_dicts import BytesFormat, Entries, Take
 from ..topic import Topic, check_topic
 from .readback import Readback
 

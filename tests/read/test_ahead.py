@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ml_dash_mcap.rows import read_ahead
+from ml_dash_mcap.store import read_ahead
 
 MIB = 1024 * 1024
 

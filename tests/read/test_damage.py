@@ -26,7 +26,7 @@ from mcap.writer import CompressionType, Writer
 from ml_dash_mcap import Limits, Loss, Recorder, RecorderOptions, Recording
 from ml_dash_mcap.errors import DamagedFileError, EncodingError, OptionError, UndecodedWarning
 from ml_dash_mcap.mcap.records import Chunk
-from ml_dash_mcap.rows import read_ahead
+from ml_dash_mcap.store import read_ahead
 from tests.support import raw
 from tests.support.assemble import Draft, bundle
 from tests.support.every_read import everything

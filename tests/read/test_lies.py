@@ -27,7 +27,7 @@ from mcap.records import (
 
 from ml_dash_mcap import Recording, recordings
 from ml_dash_mcap.cli import main
-from ml_dash_mcap.rows import read_ahead
+from ml_dash_mcap.store import read_ahead
 from tests.support.assemble import Draft, bundle
 from tests.support.samples import swap
 

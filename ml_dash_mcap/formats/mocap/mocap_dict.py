@@ -6,7 +6,7 @@ import numpy as np
 
 from ... import clock
 from ...inspect import topics
-from ...rows.result_shapes import Take
+from ...rows.result_dicts import Take
 from ..topic_part import Selection
 from .frame_numbers import mean_rate, spacing
 

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 
 from ...errors import ConversionError
 from ...meaning.mocap_objects import Source
-from ...rows import arrays
+from ...rows import numpy_columns
 from ...rows.encode import TIME_KEY
 from ...rows.table import to_table, values_of
 from ..export_job import Counter
@@ -81,7 +81,7 @@ class Samples:
             yield self._matrix(block)
 
     def _matrix(self, block: Block) -> tuple[Floats, Floats]:
-        times = arrays.from_table(to_table([_only(block, TIME_KEY)]))[TIME_KEY]
+        times = numpy_columns.from_table(to_table([_only(block, TIME_KEY)]))[TIME_KEY]
         values = np.full((block.count, self._values.shape[1]), np.nan)
         for name, shape in self._shapes.items():
             if name in block.columns:
@@ -95,9 +95,9 @@ class Samples:
     def _column(self, block: Block, name: str, shape: tuple[int, ...], times: Floats) -> Any:
         column, size = block.columns[name], math.prod(shape)
         if not column.is_text:
-            found = arrays.from_table(to_table([_only(block, name)]))[name]
+            found = numpy_columns.from_table(to_table([_only(block, name)]))[name]
             if found.dtype.kind in "fiub" and found.shape[1:] == shape:
-                return arrays.doubles(found).reshape(block.count, size)
+                return numpy_columns.doubles(found).reshape(block.count, size)
         flat = np.full((block.count, size), np.nan)
         for row, value in enumerate(values_of(column)):
             if value is not None:

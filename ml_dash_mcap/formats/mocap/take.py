@@ -12,9 +12,8 @@ import numpy.typing as npt
 
 from ...errors import ConversionError, ConversionWarning
 from ...inspect.field_shapes import Field
-from ...meaning import mocap_objects, space
+from ...meaning import mocap_objects, rotations, space
 from ...meaning.mocap_objects import Body, Joint, Marker, Objects
-from ...rows import rotations
 from ...rows.encode import TIME_KEY
 from ..export_job import Counter, Job
 from .take_clock import Clock

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ...errors import OptionError
-from ...meaning import space
-from ...rows import rotations
+from ...meaning import rotations, space
 from .take_clock import Rate
 
 

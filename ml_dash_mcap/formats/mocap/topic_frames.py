@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...errors import ConversionError, ConversionWarning
-from ...meaning import space
+from ...meaning import rotations, space
 from ...meaning.mocap_objects import Body, Joint, Marker, Source
-from ...rows import rotations
 from ..export_job import Counter
 from ..topic_part import Selection
 from . import resample

@@ -22,7 +22,7 @@ from ...mcap.record_fields import Fields
 from ...options import RecorderOptions
 from ...query import stored_messages
 from ...query.stored_messages import StoredChunk
-from ...rows import read_ahead
+from ...store import read_ahead
 from . import bag_information
 from .bag_contents import Bag, BagFile
 from .bag_mcap.read import McapBag

@@ -18,7 +18,7 @@ from ...mcap.records import Channel, Schema
 from ...query.time_order import TOLERANCE_NS
 from ...recorder import Recorder
 from ...rows.encode import TIME_KEY
-from ...rows.lazy_mapping import not_found
+from ...suggestions import not_found
 from ...topic import MessageTopic
 from .bag_contents import Bag, Batch
 from .bag_types import Types

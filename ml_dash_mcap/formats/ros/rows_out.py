@@ -22,9 +22,9 @@ from ...mcap.message import MessageBlock
 from ...query import counts, exact_blocks
 from ...query import topic_rows as rows
 from ...query.file import File
-from ...rows import read_ahead
 from ...rows.encode import TIME_KEY
 from ...rows.table import Block
+from ...store import read_ahead
 from ..export_job import Job
 from . import bag_images, ros_names
 from .bag_plan import Outlet, Plan, Planner, Settings

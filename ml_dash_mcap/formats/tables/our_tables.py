@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from ...file_names import MESSAGE, TRACK
 from ...recorder import Recorder
-from ...rows import arrays, packed
+from ...rows import numpy_columns, packed
 from ...rows.dotted import FIELD_PREFIX
 from ...rows.encode import TIME_KEY
 from ...rows.table import ENCODING_KEY, from_text
@@ -293,7 +293,7 @@ def _array(field: pa.Field, column: pa.Array) -> Any:
         inner = [field.type.field(at) for at in range(field.type.num_fields)]
         found = {one.name: _array(one, child) for one, child in zip(inner, column.flatten(), strict=True)}
         return found if found and all(one is not None for one in found.values()) else None
-    shape, leaf = arrays.shape_of(column)
+    shape, leaf = numpy_columns.shape_of(column)
     is_number = pa.types.is_integer(leaf.type) or pa.types.is_floating(leaf.type) or pa.types.is_boolean(leaf.type)
     if shape is None or not is_number or 0 in shape or (shape and leaf.null_count):
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...rows.result_shapes import Entries
+from ...rows.result_dicts import Entries
 from ..topic_part import Selection
 
 TIME_NAME = "timestamp"

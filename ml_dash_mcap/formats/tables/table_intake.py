@@ -19,7 +19,7 @@ from ...errors import ConversionWarning, ForeignFileError
 from ...file_names import MESSAGE
 from ...meaning.ros_units import UNITS
 from ...recorder import Recorder
-from ...rows import arrays
+from ...rows import numpy_columns
 from ...rows.dotted import FIELD_PREFIX, free_names
 from ...rows.encode import EXACT_KEY, TIME_KEY
 from ...rows.table import Column, values_of
@@ -176,7 +176,7 @@ class _Foreign(_Intake):
         self._columns = dict(zip(_field_names([file.schema.names[number] for number in kept]), kept, strict=True))
         said = _said_of_table(file, self._columns, self._time, units)
         self._topic = recorder._open(options.topic or name, MESSAGE, Topic, metadata=said)
-        self._json = {name for name, at in self._columns.items() if arrays.is_json(file.schema.field(at))}
+        self._json = {name for name, at in self._columns.items() if numpy_columns.is_json(file.schema.field(at))}
 
     def add(self, batch: pa.RecordBatch) -> None:
         at = batch.schema.names.index(self._time.name)
@@ -252,7 +252,7 @@ def numbers(array: pa.Array) -> npt.NDArray[Any] | None:
     """Return numbers, booleans, or vectors of one shape as numpy, [N, ...]; None for all else, and with any null."""
     if array.null_count:
         return None
-    shape, leaf = arrays.shape_of(array)
+    shape, leaf = numpy_columns.shape_of(array)
     if shape is None or leaf.null_count or 0 in shape:
         return None
     if not (pa.types.is_integer(leaf.type) or pa.types.is_floating(leaf.type) or pa.types.is_boolean(leaf.type)):

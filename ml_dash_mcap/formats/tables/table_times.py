@@ -16,7 +16,7 @@ import pyarrow.compute as pc
 from ...clock import END_S
 from ...errors import ForeignFileError, OptionError
 from ...rows.encode import TIME_KEY
-from ...rows.lazy_mapping import not_found
+from ...suggestions import not_found
 
 UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 """Units of time, to how many of them a second has."""

@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 import pyarrow.csv as pv
 
 from ...errors import ForeignFileError
-from ...rows import read_ahead
+from ...store import read_ahead
 from .dialect import BLANKS, Dialect
 
 Floats = npt.NDArray[np.float64]

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from ml_dash_mcap.formats.mocap import frame_numbers, placement, resample
 from ml_dash_mcap.formats.mocap.placement import Note, Placement
 from ml_dash_mcap.formats.mocap.table_text import shifted
-from ml_dash_mcap.meaning import mocap_objects, space
-from ml_dash_mcap.rows import rotations
+from ml_dash_mcap.meaning import mocap_objects, rotations, space
 
 component = st.floats(-1, 1)
 

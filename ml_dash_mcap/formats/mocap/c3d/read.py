@@ -11,10 +11,10 @@ from typing import Any, cast
 import numpy as np
 
 from ....errors import ConversionWarning, ForeignFileError
+from ....meaning import rotations
 from ....meaning.mocap_objects import MARKERS_TOPIC
 from ....meaning.space import DECIMALS, turned, turned_rotations, unit_of
 from ....recorder import Recorder
-from ....rows import rotations
 from ...readers import Progress
 from ...text.headers import check_on_bad, unit_of_length
 from ...text.number_cells import Floats

@@ -10,10 +10,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ....errors import ForeignFileError
+from ....meaning import rotations
 from ....meaning.mocap_objects import MARKERS_TOPIC
 from ....meaning.space import DECIMALS
 from ....recorder import Recorder
-from ....rows import rotations
 from ...foreign_names import distinct
 from ...readers import Progress
 from ...text.dialect import Dialect, number, of_line

@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from ....codecs.ros.message_columns import Column, Constant, Indices, Ragged, pick
 from ....errors import ConversionWarning
-from ....meaning import ros_units
-from ....rows import rotations
+from ....meaning import ros_units, rotations
 from . import cameras, conventions, joints, stated_texts
 from .context import BadRows, Context, Load, Stated
 from .lossless import INTEGER, PRESENT, STATE, Field, Message

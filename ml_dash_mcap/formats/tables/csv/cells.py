@@ -20,7 +20,7 @@ import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from ....rows import arrays
+from ....rows import numpy_columns
 from ....rows.encode import encodable
 from ....rows.table import Column, to_text, values_of
 
@@ -49,8 +49,8 @@ def of(column: Column) -> pa.Array:
         return array.cast(pa.string())
     if pa.types.is_string(type_):
         return _texts(array)
-    if pa.types.is_nested(type_) and arrays.is_large(array):
-        return pa.array([_array(value) for value in arrays.cells(array)], pa.string())
+    if pa.types.is_nested(type_) and numpy_columns.is_large(array):
+        return pa.array([_array(value) for value in numpy_columns.cells(array)], pa.string())
     return pa.array([_one(value) for value in array.to_pylist()], pa.string())
 
 

@@ -8,10 +8,10 @@ from math import prod
 import pyarrow as pa
 
 from ....inspect.topics import TopicInfo
-from ....rows import kinds, spread
+from ....rows import element_columns, kinds
 from ....rows.dotted import free_names
+from ....rows.element_columns import Lengths
 from ....rows.encode import TIME_KEY, encodable
-from ....rows.spread import Lengths
 from ....rows.table import Block, Column
 from . import cells
 
@@ -45,7 +45,7 @@ class Layout:
         """Return the first line."""
         names = [TIME_KEY]
         for field, lengths in self._kept().items():
-            names += spread.names(field, lengths or ())
+            names += element_columns.names(field, lengths or ())
         return (",".join(map(cells.text, free_names(names))) + "\n").encode()
 
     def cells(self, block: Block) -> list[pa.Array]:
@@ -60,7 +60,7 @@ class Layout:
         widened = dict(self._lengths)
         for name, column in block.columns.items():
             if name != TIME_KEY:
-                widened[name] = spread.longest(widened.get(name), spread.lengths_of(column))
+                widened[name] = element_columns.longest(widened.get(name), element_columns.lengths_of(column))
         return widened
 
     def _kept(self) -> dict[str, Lengths | None]:
@@ -73,7 +73,7 @@ def _expected(info: TopicInfo) -> Iterator[tuple[str, Lengths]]:
     """Yield the fields that the schema is sure of."""
     for name, said in info.fields.items():
         if said.type in _SPREAD and all(said.shape):
-            yield encodable(name), spread.limited(tuple(length or 0 for length in said.shape))
+            yield encodable(name), element_columns.limited(tuple(length or 0 for length in said.shape))
 
 
 def _is_wanted(name: str, columns: Sequence[str]) -> bool:
@@ -87,5 +87,5 @@ def _spread(column: Column, lengths: Lengths) -> list[pa.Array]:
     return [
         cells
         for place in range(lengths[0])
-        for cells in _spread(Column(spread.elements(column.array, place)), lengths[1:])
+        for cells in _spread(Column(element_columns.elements(column.array, place)), lengths[1:])
     ]

@@ -12,11 +12,11 @@ import pyarrow as pa
 from .... import clock
 from ....inspect.topics import TopicInfo
 from ....rows import kinds
-from ....rows.data_frames import nanoseconds
 from ....rows.dotted import FIELD_PREFIX, flatten, free_names
 from ....rows.encode import TIME_KEY, encodable
 from ....rows.kinds import Kind
 from ....rows.table import ENCODING_KEY, Block, Column
+from ....rows.to_data_frames import nanoseconds
 from .. import nested_columns
 
 WALL_CLOCK = "timestamp"

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TypeVar
 
-from ..errors import NotFoundError
-from ..suggestions import hint
+from ..suggestions import not_found
 
 Value = TypeVar("Value")
 
@@ -55,8 +54,3 @@ class Lookup(Mapping[str, Value]):
 
     def __repr__(self) -> str:
         return f"<{self._what}s: {', '.join(self._names) or 'none'}>"
-
-
-def not_found(what: str, name: object, names: Iterable[str], where: str = "") -> NotFoundError:
-    """Return the error for a name that is not there, with the names that look most like it, and where it was sought."""
-    return NotFoundError(f"no {what} {name!r} in the recording; {hint(name, names)}" + (f" ({where})" if where else ""))

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from . import same_bytes
+from . import zero_copy
 
 _NARROW_INTEGERS = (pa.int8(), pa.int16(), pa.int32(), pa.uint8(), pa.uint16(), pa.uint32())
 _NARROW_FRACTIONS = (pa.float16(), pa.float32())
@@ -69,7 +69,7 @@ def _elements(present: Sequence[Any], dtype: np.dtype[Any]) -> pa.Array:
     if any(np.ma.is_masked(one) for one in present):
         mask = np.concatenate([np.ma.getmaskarray(one).reshape(-1) for one in present])
         return pa.array(numbers, mask=mask)
-    return pa.array(numbers) if dtype.kind == "b" else same_bytes.to_arrow(numbers)
+    return pa.array(numbers) if dtype.kind == "b" else zero_copy.to_arrow(numbers)
 
 
 def _listed(
@@ -94,5 +94,5 @@ def _listed(
     if is_present is not None:
         every = np.zeros(len(is_present), np.int64)
         every[is_present] = lengths
-    offsets = same_bytes.to_arrow(np.concatenate(([0], np.cumsum(every))).astype(np.int32))
+    offsets = zero_copy.to_arrow(np.concatenate(([0], np.cumsum(every))).astype(np.int32))
     return pa.ListArray.from_arrays(offsets, elements, mask=None if is_present is None else pa.array(~is_present))

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from .. import clock
 from ..errors import OptionError, UsageError
-from . import arrays, spread
+from . import element_columns, numpy_columns
 from .dotted import free_names
 from .encode import TIME_KEY
 
@@ -29,7 +29,7 @@ def shaped(table: pa.Table, *, flatten: bool, time: TimeForm) -> pa.Table:
 
     Args:
         table: With `_ts` in s.
-        flatten: Whether lists of numbers become a column an element, see `spread`.
+        flatten: Whether lists of numbers become a column an element, see `element_columns`.
         time: What `_ts` becomes.
 
     Raises:
@@ -40,10 +40,10 @@ def shaped(table: pa.Table, *, flatten: bool, time: TimeForm) -> pa.Table:
         raise UsageError(f"flatten={flatten!r}: pass True or False")
     if time not in get_args(TimeForm):
         raise OptionError(f"time={time!r}: pass {', '.join(map(repr, get_args(TimeForm)))}")
-    found = spread.of_table(table) if flatten else table
+    found = element_columns.of_table(table) if flatten else table
     if time == "seconds":
         return found
-    stamps = nanoseconds(arrays.whole(found.column(TIME_KEY))).cast(_ARROW_TIMES[time])
+    stamps = nanoseconds(numpy_columns.whole(found.column(TIME_KEY))).cast(_ARROW_TIMES[time])
     return found.set_column(found.column_names.index(TIME_KEY), TIME_KEY, stamps)
 
 
@@ -58,13 +58,13 @@ def to_pandas(table: pa.Table) -> pd.DataFrame:
     odd: dict[str, Any] = {}
     gappy: list[str] = []
     for field, column in zip(table.schema, table.columns, strict=True):
-        if arrays.is_json(field):
-            odd[field.name] = arrays.from_table(table.select([field.name]))[field.name]
+        if numpy_columns.is_json(field):
+            odd[field.name] = numpy_columns.from_table(table.select([field.name]))[field.name]
         elif field.type in nullable:
             gappy += [field.name] * bool(column.null_count)
-        elif pa.types.is_nested(field.type) and arrays.is_large(column):
-            odd[field.name] = arrays.cells(column)
-        elif pa.types.is_nested(field.type) and _has_gaps(arrays.whole(column)):
+        elif pa.types.is_nested(field.type) and numpy_columns.is_large(column):
+            odd[field.name] = numpy_columns.cells(column)
+        elif pa.types.is_nested(field.type) and _has_gaps(numpy_columns.whole(column)):
             odd[field.name] = _cells(column)
     parts = [
         table.drop_columns([*odd, *gappy]).to_pandas(),
