@@ -1,4 +1,4 @@
-"""Hold the house in order: files that fit on a few screens, each class and each file named once, functions that are short.
+"""Hold the house in order: short files and functions, each class and file named once.
 
 Run by `make lint`; prints what is wrong and exits with 1. `--figures` prints the figures as well.
 """
