@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Experiment, Recorder, Recording
 from ml_dash_mcap.capture.tracks_clock import NOW_S, TracksClock
-from ml_dash_mcap.rows import merge
+from ml_dash_mcap.codecs import json_merge as merge
 from tests.support import disk
 from tests.support.examples import examples
 

@@ -19,6 +19,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.records import Metadata
 
 from .. import clock
+from ..codecs.json_skeleton import LONG_ROW_BYTES, UNKNOWN, Bones, Skeletons, guess
 from ..file_names import ACTIVE_SUFFIX, DROPS_RECORD, PARAMETERS_RECORD, SEGMENT_SUFFIX, STEPS_RECORD, TRACK
 from ..mcap import record_bytes
 from ..mcap.chunk_writer import UNCOMPRESSED, Chunk, Compressor, build, compressor
@@ -27,7 +28,6 @@ from ..mcap.segment import Segment
 from ..options import RecorderOptions
 from ..rows import schema as schemas
 from ..rows.schema import Shape
-from ..rows.skeleton import LONG_ROW_BYTES, UNKNOWN, Bones, Skeletons, guess
 from . import event_times
 from .channels import ChannelInfo
 from .merge_block import merge_each, merge_same_time

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import clock
+from ..codecs import json_merge as merge
 from ..mcap.row_arrays import Rows, replaced
-from ..rows import merge
 from .tracks_clock import NOW_S
 
 WALL_STAMPED = 1

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 import orjson
 
+from ..codecs import json_merge as merge
+from ..codecs.json_skeleton import UNKNOWN
 from ..mcap import record_bytes
 from ..mcap.row_arrays import Rows, replaced
-from ..rows import merge
-from ..rows.skeleton import UNKNOWN
 
 _SLICE = 64
 _MOST_BYTES = 4 * 1024 * 1024

@@ -13,8 +13,8 @@ import orjson
 
 from ..errors import ConversionWarning, EncodingError, UndecodedWarning
 from ..mcap.records import Channel, Schema
-from ..rows import nesting_depth
 from ..rows.encode import EXACT_KEY, restore
+from . import json_depth
 from .decoding import DEFAULT, Decoding
 from .ros import distros
 from .ros import message_decoder as ros_decode
@@ -138,8 +138,8 @@ def decode_json(payload: bytes) -> Row:
 
     Whatever is not an object becomes the field `value`, and an empty payload a row without fields.
     """
-    if not nesting_depth.is_within(payload, nesting_depth.MOST):
-        raise ValueError(f"it is nested deeper than {nesting_depth.MOST} levels")
+    if not json_depth.is_within(payload, json_depth.MOST):
+        raise ValueError(f"it is nested deeper than {json_depth.MOST} levels")
     try:
         row = orjson.loads(payload)
     except orjson.JSONDecodeError:

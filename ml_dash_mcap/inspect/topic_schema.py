@@ -7,9 +7,10 @@ from typing import Any
 
 import orjson
 
+from ..codecs import json_depth
 from ..mcap.records import Channel
 from ..query.file import File
-from ..rows import nesting_depth, packed
+from ..rows import packed
 from ..rows.encode import TIME_KEY
 from . import field_shapes
 from .field_shapes import Field
@@ -22,7 +23,7 @@ def read(channels: Iterable[tuple[File, Channel]]) -> dict[str, Any]:
         described = file.index.schema_of(channel)
         if described is None or described.encoding != "jsonschema":
             continue
-        if not nesting_depth.is_within(described.data, nesting_depth.MOST):
+        if not json_depth.is_within(described.data, json_depth.MOST):
             continue
         try:
             parsed = orjson.loads(described.data)

@@ -19,9 +19,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ..codecs.decode import Decoder, Row
+from ..codecs.json_lines import LineReader, joined
 from ..rows import zero_copy
 from ..rows.encode import TIME_KEY
-from ..rows.json_lines import LineReader, joined
 from ..rows.table import Block, Column
 from . import time_order, topic_messages
 from . import topic_rows as rows

@@ -11,10 +11,10 @@ import numpy.typing as npt
 import orjson
 
 from .. import clock
+from ..codecs import json_depth
 from ..codecs.decode import Decoder, Row, decode_json, decoder
 from ..errors import DamagedFileError, RangeError
 from ..file_names import KIND_KEY, TRACK
-from ..rows import nesting_depth
 from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..rows.merge import merge
 from ..time_hints import seconds_hint
@@ -178,7 +178,7 @@ def decode(
 
 def _plain(payloads: list[bytes], times_ns: npt.NDArray[np.uint64]) -> list[Row] | None:
     """Decode JSON of which nothing but its syntax is to be read, which is nearly all; None where something else is."""
-    if not nesting_depth.are_within(payloads, nesting_depth.MOST):
+    if not json_depth.are_within(payloads, json_depth.MOST):
         return None
     try:
         rows = list(map(orjson.loads, payloads))

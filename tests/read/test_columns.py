@@ -15,9 +15,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
+from ml_dash_mcap.codecs.json_lines import LineReader, joined
 from ml_dash_mcap.errors import NotFoundError, RangeError
 from ml_dash_mcap.rows.dotted import flatten
-from ml_dash_mcap.rows.json_lines import LineReader, joined
 from ml_dash_mcap.rows.table import ENCODING_KEY, from_rows, from_text
 from tests.support.examples import examples
 

@@ -13,10 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import clock
+from ml_dash_mcap.codecs import json_merge
+from ml_dash_mcap.codecs.json_skeleton import Bones, Skeletons, guess
 from ml_dash_mcap.rows import merge
 from ml_dash_mcap.rows.encode import exact, restore
 from ml_dash_mcap.rows.schema import Shape, to_json
-from ml_dash_mcap.rows.skeleton import Bones, Skeletons, guess
 from tests.support.examples import examples
 from tests.support.viewer_schema import violations
 
@@ -60,7 +61,7 @@ def test_what_is_encoded_comes_back_as_it_was(fields: dict[str, Any]) -> None:
 
 @given(st.lists(FIELDS, min_size=2, max_size=4))
 def test_merging_encoded_rows_is_merging_rows(rows: list[dict[str, Any]]) -> None:
-    merged = decode(merge.join([encode(row) for row in rows]))
+    merged = decode(json_merge.join([encode(row) for row in rows]))
     expected = merge.merge([{**row, "_ts": 1.5} for row in rows])
     assert {name: repr(value) for name, value in merged.items()} == {
         name: repr(value) for name, value in expected.items()
@@ -70,8 +71,8 @@ def test_merging_encoded_rows_is_merging_rows(rows: list[dict[str, Any]]) -> Non
 @given(st.lists(FIELDS, min_size=3, max_size=3))
 def test_merging_is_associative(rows: list[dict[str, Any]]) -> None:
     first, second, third = (encode(row) for row in rows)
-    left = decode(merge.join([merge.join([first, second]), third]))
-    right = decode(merge.join([first, merge.join([second, third])]))
+    left = decode(json_merge.join([json_merge.join([first, second]), third]))
+    right = decode(json_merge.join([first, json_merge.join([second, third])]))
     assert {name: repr(value) for name, value in left.items()} == {name: repr(value) for name, value in right.items()}
 
 
@@ -81,13 +82,13 @@ def test_rows_without_a_common_field_merge_by_cutting_their_bytes(fields: dict[s
     parts = [{name: fields[name] for name in names[::2]}, {name: fields[name] for name in names[1::2]}]
     plain = [part for part in parts if b"_exact" not in encode(part)]
     payloads = [encode(part) for part in plain] or [encode({})]
-    joined = merge.join_disjoint(payloads, merge.cut(payloads))
-    assert decode(joined) == decode(merge.join(payloads))
+    joined = json_merge.join_disjoint(payloads, json_merge.cut(payloads))
+    assert decode(joined) == decode(json_merge.join(payloads))
 
 
 def test_rows_of_one_nanosecond_and_two_times_are_told_apart() -> None:
     payloads = [encode({"a": 1}, 1.0), encode({"a": 2}, math.nextafter(1.0, 2)), encode({"a": 3}, 1.0)]
-    assert merge.split_by_time(payloads, merge.cut(payloads)) == [[0, 2]]
+    assert json_merge.split_by_time(payloads, json_merge.cut(payloads)) == [[0, 2]]
 
 
 def block_of(payloads: list[bytes]) -> Bones:

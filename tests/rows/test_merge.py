@@ -9,6 +9,7 @@ import orjson
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from ml_dash_mcap.codecs import json_merge
 from ml_dash_mcap.rows import merge
 from ml_dash_mcap.rows.encode import exact, restore
 from tests.rows.test_encode import inner, same, scalars
@@ -58,7 +59,7 @@ def test_the_last_row_that_has_a_field_wins_and_no_row_is_changed(rows: list[Row
 @example([{"": {"": math.nan}, "_ts": 1.5}, {"a/b": {"~": [b"x"]}, "_ts": 1.5}])
 @example([{"a": [math.nan, None], "_ts": 1.5}, {"a": [None, math.nan], "b": math.inf, "_ts": 1.5}])
 def test_joining_bytes_is_merging_rows(rows: list[Row]) -> None:
-    joined = merge.join([exact(one, "t") for one in rows])
+    joined = json_merge.join([exact(one, "t") for one in rows])
     assert same(sorted_row(decoded(joined)), sorted_row(merge.merge(rows)))
     assert list(orjson.loads(joined))[-1] == "_ts"
 
@@ -68,8 +69,8 @@ def test_joining_bytes_is_merging_rows(rows: list[Row]) -> None:
 def test_joining_bytes_is_associative(rows: list[Row], data: st.DataObject) -> None:
     payloads = [exact(one, "t") for one in rows]
     cut = data.draw(st.integers(1, len(rows)))
-    parts = [merge.join(part) for part in (payloads[:cut], payloads[cut:]) if part]
-    assert same(sorted_row(decoded(merge.join(parts))), sorted_row(decoded(merge.join(payloads))))
+    parts = [json_merge.join(part) for part in (payloads[:cut], payloads[cut:]) if part]
+    assert same(sorted_row(decoded(json_merge.join(parts))), sorted_row(decoded(json_merge.join(payloads))))
 
 
 texts = st.text(max_size=5) | st.sampled_from(['"_ts":', ',"_ts":5}', "}", "{", '\\"_ts\\":1'])
@@ -90,12 +91,12 @@ def test_rows_without_a_common_field_are_joined_by_cutting_their_bytes(rows: lis
         distinct.append({**{name: value for name, value in one.items() if name not in seen}, "_ts": 1 / 3})
         seen |= one.keys()
     payloads = [exact(one, "t") for one in distinct]
-    joined = merge.join_disjoint(payloads, merge.cut(payloads))
+    joined = json_merge.join_disjoint(payloads, json_merge.cut(payloads))
     assert orjson.loads(joined) == merge.merge(distinct)
-    assert merge.time_of(joined) == 1 / 3
+    assert json_merge.time_of(joined) == 1 / 3
 
 
 @given(st.floats(0, 9e9), st.dictionaries(fields, plain_value, max_size=3))
 @settings(deadline=None)
 def test_the_time_stamp_is_found_without_decoding(time: float, fields_: Row) -> None:
-    assert merge.time_of(exact({**fields_, "_ts": time}, "t")) == time
+    assert json_merge.time_of(exact({**fields_, "_ts": time}, "t")) == time

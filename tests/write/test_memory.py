@@ -19,8 +19,9 @@ from hypothesis import strategies as st
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from ml_dash_mcap.capture import blocks as blocks_module
 from ml_dash_mcap.capture import merge_block
-from ml_dash_mcap.rows import schema, skeleton
-from ml_dash_mcap.rows.skeleton import Skeletons
+from ml_dash_mcap.codecs import json_skeleton
+from ml_dash_mcap.codecs.json_skeleton import Skeletons
+from ml_dash_mcap.rows import schema
 from tests.support import disk
 from tests.support.case_ids import stable_repr
 from tests.support.examples import examples
@@ -299,8 +300,8 @@ def test_what_fails_for_a_block_is_done_row_by_row_and_counted(
 
 def test_rows_that_cannot_be_merged_are_written_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     appended(tmp_path / "well")
-    monkeypatch.setattr("ml_dash_mcap.rows.merge.join", raises(MemoryError()))
-    monkeypatch.setattr("ml_dash_mcap.rows.merge.join_disjoint", raises(MemoryError()))
+    monkeypatch.setattr("ml_dash_mcap.codecs.json_merge.join", raises(MemoryError()))
+    monkeypatch.setattr("ml_dash_mcap.codecs.json_merge.join_disjoint", raises(MemoryError()))
     stats = appended(tmp_path / "ill")
     assert stats["fallbacks"] == {"merging the rows of a block": 1, "merging rows of one time": 50}
     assert len(list(disk.payloads(tmp_path / "ill"))) == 150
@@ -312,7 +313,7 @@ def test_a_row_that_cannot_be_decoded_again_is_kept_without_a_schema(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     appended(tmp_path / "well")
-    monkeypatch.setattr(skeleton, "restore_kinds", raises(MemoryError()))
+    monkeypatch.setattr(json_skeleton, "restore_kinds", raises(MemoryError()))
     stats = appended(tmp_path / "ill")
     assert stats["written"] == 150
     assert stats["fallbacks"]["decoding a row"] == 150

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ml_dash_mcap.rows import outline
+from ml_dash_mcap.codecs import json_outline
 from tests.support.examples import examples
 
 texts = st.text(st.sampled_from('ab"\\[]{},:\n\u00e4'), max_size=6)
@@ -25,6 +25,6 @@ values = st.recursive(
 @settings(max_examples=examples(150), deadline=None)
 @given(row=st.dictionaries(texts, values, max_size=5))
 def test_the_outline_is_the_row_with_its_containers_emptied(row: dict[str, Any], at_once: int) -> None:
-    with mock.patch.object(outline, "_AT_ONCE", at_once):
-        found = orjson.loads(outline.of(orjson.dumps(row)))
+    with mock.patch.object(json_outline, "_AT_ONCE", at_once):
+        found = orjson.loads(json_outline.of(orjson.dumps(row)))
     assert found == {name: type(value)() if isinstance(value, (list, dict)) else value for name, value in row.items()}

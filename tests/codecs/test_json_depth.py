@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ml_dash_mcap.rows.nesting_depth import are_within, is_within
+from ml_dash_mcap.codecs.json_depth import are_within, is_within
 
 payloads = st.recursive(
     st.sampled_from(["1", '"[{"', '"\\"["', "null"]),

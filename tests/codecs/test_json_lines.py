@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ml_dash_mcap.codecs.json_lines import LineReader, joined
 from ml_dash_mcap.rows.dotted import flatten, project
-from ml_dash_mcap.rows.json_lines import LineReader, joined
 from ml_dash_mcap.rows.table import Block, Column, block_of, to_table, values_of
 from tests.support.examples import examples
 from tests.support.odd_json import random_payloads

@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 import orjson
 
-from . import outline
-from .encode import EXACT_KEY, restore_kinds
-from .schema import Shape, Unsaid, infer
+from ..rows.encode import EXACT_KEY, restore_kinds
+from ..rows.schema import Shape, Unsaid, infer
+from . import json_outline
 
 Bytes = npt.NDArray[np.uint8]
 Offsets = npt.NDArray[np.int64]
@@ -120,7 +120,7 @@ class Skeletons:
 
     def _learn_huge(self, payload: bytes) -> None:
         """Widen the shape by the fields of a row, but leave those that are lists and dicts out of the schema."""
-        row = restore_kinds(orjson.loads(outline.of(payload)))
+        row = restore_kinds(orjson.loads(json_outline.of(payload)))
         self.shape.add({name: Unsaid() if isinstance(value, (list, dict)) else value for name, value in row.items()})
 
     def classify(self, bones: Bones, rows: Offsets) -> npt.NDArray[np.int32]:

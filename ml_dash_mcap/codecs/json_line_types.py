@@ -12,7 +12,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from .table import arrow_type, is_shallow
+from ..rows.table import arrow_type, is_shallow
 
 Types = dict[str, pa.DataType | None]
 """Of keys; None for one whose values no type holds."""

@@ -19,9 +19,9 @@ import orjson
 import pyarrow as pa
 import pyarrow.json as pj
 
-from . import json_line_types, nesting_depth
-from .dotted import FIELD_PREFIX
-from .encode import EXACT_KEY, TIME_KEY
+from ..rows.dotted import FIELD_PREFIX
+from ..rows.encode import EXACT_KEY, TIME_KEY
+from . import json_depth, json_line_types
 from .json_line_columns import flatten
 from .json_line_types import Types
 
@@ -78,7 +78,7 @@ def _look_like_dicts(payloads: Sequence[bytes]) -> bool:
 def _are_shallow(payloads: Sequence[bytes]) -> bool:
     if max(map(len, payloads)) < _SURELY_SHALLOW_BYTES:
         return True
-    return nesting_depth.are_within([one for one in payloads if len(one) >= _SURELY_SHALLOW_BYTES], _MOST_DEPTH)
+    return json_depth.are_within([one for one in payloads if len(one) >= _SURELY_SHALLOW_BYTES], _MOST_DEPTH)
 
 
 def _is_utf8(text: bytes) -> bool:

@@ -6,8 +6,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from . import zero_copy
-from .table import tight
+from ..rows import zero_copy
+from ..rows.table import tight
 
 _EXACT_INTEGERS = 2.0**53
 
