@@ -29,7 +29,7 @@ from .mcap import record_bytes
 from .meaning.annotations import NOTHING_SAID, collect
 from .options import RecorderOptions, arguments_of, check_options, misplaced
 from .recovery import recover_folder
-from .rows.encode import dumps, plain, plain_list
+from .rows.json_text import dumps, plain, plain_list
 from .timestamps import stamper
 from .topic import Topic, check_topic
 from .version import LIBRARY

@@ -12,7 +12,8 @@ from .capture.event_times import WALL_STAMPED
 from .errors import FieldError, TopicError, UsageError
 from .file_names import OWN_TOPICS
 from .mcap import record_bytes
-from .rows.encode import EXACT_KEY, TIME_KEY, dumps, exact, row_value
+from .rows.encode import EXACT_KEY, TIME_KEY
+from .rows.json_text import dumps, exact, row_value
 from .timestamps import MISSING
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import FieldError
-from ..rows.encode import EXACT_KEY, TIME_KEY, dumps, exact, row_value
+from ..rows.encode import EXACT_KEY, TIME_KEY
+from ..rows.json_text import dumps, exact, row_value
 
 _ABSENT: Any = object()
 """Stands for a value that a row does not have."""

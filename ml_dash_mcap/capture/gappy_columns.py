@@ -14,7 +14,8 @@ import orjson
 
 from .. import clock
 from ..mcap import record_bytes
-from ..rows.encode import TIME_KEY, exact
+from ..rows.encode import TIME_KEY
+from ..rows.json_text import exact
 
 _SLICE = 2048
 """Rows encoded at a time: the encoder keeps other threads waiting while it works."""

@@ -13,7 +13,8 @@ import orjson
 
 from ..errors import ConversionWarning, EncodingError, UndecodedWarning
 from ..mcap.records import Channel, Schema
-from ..rows.encode import EXACT_KEY, restore
+from ..rows.encode import EXACT_KEY
+from ..rows.json_text import restore
 from . import json_depth
 from .decoding import DEFAULT, Decoding
 from .ros import distros

@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 import orjson
 
-from ..rows.encode import EXACT_KEY, restore_kinds
+from ..rows.encode import EXACT_KEY
+from ..rows.json_text import restore_kinds
 from ..rows.schema import Shape, Unsaid, infer
 from . import json_outline
 

@@ -16,7 +16,8 @@ from ..mcap.record_fields import Fields
 from ..mcap.records import Channel, Opcode
 from ..query import counts, topic_messages, topic_rows
 from ..query.file import File
-from ..rows.encode import TIME_KEY, dumps, exact_as_read
+from ..rows.encode import TIME_KEY
+from ..rows.json_text import dumps, exact_as_read
 from ..version import LIBRARY
 from .topic_part import Row, Selection
 

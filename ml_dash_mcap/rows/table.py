@@ -16,7 +16,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from . import array_lists, zero_copy
-from .encode import EXACT_KEY, TIME_KEY, dumps_any, encodable, exact_as_read, loads_any, restore
+from .encode import EXACT_KEY, TIME_KEY, encodable
+from .json_text import dumps_any, exact_as_read, loads_any, restore
 
 Row = dict[str, Any]
 

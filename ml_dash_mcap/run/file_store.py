@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from ..errors import NotFoundError, StorageError
 from ..file_names import FILE_TOPIC
-from ..rows import encode
+from ..rows import json_text
 from .utc import now_text, text_of
 
 _PARTIAL = ".ml_dash-partial-"
@@ -92,7 +92,7 @@ class FileStore:
         """
         self._journal.check_open()
         fields = details.fields()
-        encode.exact(fields, FILE_TOPIC)  # a mistake in them should not leave a file without its row
+        json_text.exact(fields, FILE_TOPIC)  # a mistake in them should not leave a file without its row
         target = self.folder.joinpath(path)
         with _storage_errors(f"cannot save {path}"), self._beside(target) as partial:
             write(partial)

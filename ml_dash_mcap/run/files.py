@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..errors import FieldError, NotFoundError, StorageError
-from ..rows import encode
+from ..rows import json_text
 from ..store import safe_paths
 from . import images
 from .file_store import Details, FileStore
@@ -288,7 +288,7 @@ def _plain(value: Any) -> Any:
         return value.value
     if isinstance(value, (datetime.date, datetime.time)):
         return value.isoformat()
-    return str(value) if isinstance(value, uuid.UUID) else encode.plain_list(value)
+    return str(value) if isinstance(value, uuid.UUID) else json_text.plain_list(value)
 
 
 def _is_pattern(name: str | None) -> bool:

@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from ..errors import FieldError, StateError, UsageError
 from ..options import RecorderOptions, check_options
-from ..rows import encode
+from ..rows import json_text
 from .endings import Status, status_by
 from .live import Live
 from .tracks import TrackT
@@ -141,7 +141,7 @@ def describe(
 
 def _json_text(name: str, value: Any) -> str:
     try:
-        return json.dumps(value, default=encode.plain_list, allow_nan=False)
+        return json.dumps(value, default=json_text.plain_list, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise FieldError(f"{name}={value!r} has no JSON: {error}") from error
 

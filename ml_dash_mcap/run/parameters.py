@@ -17,7 +17,7 @@ import orjson
 from ..errors import FieldError, UsageError
 from ..file_names import PARAMETERS_RECORD
 from ..recorder import Recorder
-from ..rows import encode
+from ..rows import json_text
 from .readback import Readback
 
 _SHOWN = 10
@@ -140,7 +140,7 @@ def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
 
 def _as_stored(name: str, value: Any) -> Any:
     """Return a value as it comes back from the file: a copy, made of plain types."""
-    return encode.restore(orjson.loads(encode.exact({name: value}, PARAMETERS_RECORD, packs=False)))[name]
+    return json_text.restore(orjson.loads(json_text.exact({name: value}, PARAMETERS_RECORD, packs=False)))[name]
 
 
 def _fields(value: Any) -> dict[str, Any] | None:

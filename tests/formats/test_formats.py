@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from ml_dash_mcap.formats.writers import FORMATS
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
-from ml_dash_mcap.rows.encode import restore
+from ml_dash_mcap.rows.json_text import restore
 from tests.support.files import payload, save
 from tests.support.rules import problems
 

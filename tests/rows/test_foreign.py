@@ -25,7 +25,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, Recording
 from ml_dash_mcap.errors import FieldError
-from ml_dash_mcap.rows.encode import exact
+from ml_dash_mcap.rows.json_text import exact
 from tests.support.case_ids import stable_repr
 
 

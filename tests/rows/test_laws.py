@@ -16,7 +16,7 @@ from ml_dash_mcap import clock
 from ml_dash_mcap.codecs import json_merge
 from ml_dash_mcap.codecs.json_skeleton import Bones, Skeletons, guess
 from ml_dash_mcap.rows import merge
-from ml_dash_mcap.rows.encode import exact, restore
+from ml_dash_mcap.rows.json_text import exact, restore
 from ml_dash_mcap.rows.schema import Shape, to_json
 from tests.support.examples import examples
 from tests.support.viewer_schema import violations

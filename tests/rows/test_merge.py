@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap.codecs import json_merge
 from ml_dash_mcap.rows import merge
-from ml_dash_mcap.rows.encode import exact, restore
-from tests.rows.test_encode import inner, same, scalars
+from ml_dash_mcap.rows.json_text import exact, restore
+from tests.rows.test_json_text import inner, same, scalars
 from tests.support.examples import examples
 
 Row = dict[str, Any]

@@ -17,7 +17,7 @@ from ml_dash_mcap.errors import FieldError
 from ml_dash_mcap.mcap.record_bytes import MESSAGE_HEAD
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
-from ml_dash_mcap.rows.encode import restore
+from ml_dash_mcap.rows.json_text import restore
 
 HEAD = b"\x01\0\0\0\0\0"
 

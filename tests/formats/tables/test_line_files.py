@@ -11,7 +11,7 @@ import pytest
 
 from ml_dash_mcap import Recorder, Recording
 from ml_dash_mcap.formats.dreamlake import path_of
-from ml_dash_mcap.rows.encode import restore
+from ml_dash_mcap.rows.json_text import restore
 from tests.formats.tables.test_parquet_files import recording, steps
 
 ROWS = [

@@ -23,7 +23,7 @@ from ml_dash_mcap import Recorder, Recording
 from ml_dash_mcap.errors import UsageError
 from ml_dash_mcap.query import topic_columns
 from ml_dash_mcap.rows.dotted import flatten
-from ml_dash_mcap.rows.encode import exact
+from ml_dash_mcap.rows.json_text import exact
 from ml_dash_mcap.rows.table import ENCODING_KEY, Column, values_of
 from tests.read.test_columns import ROWS
 from tests.support.examples import examples

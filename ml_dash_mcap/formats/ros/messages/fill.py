@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from ....codecs.ros.message_columns import Column, Ragged, texts
 from ....rows import packed
-from ....rows.encode import EXACT_KEY, TIME_KEY, dumps_any, exact_as_read, has_lone_surrogates, loads_any
+from ....rows.encode import EXACT_KEY, TIME_KEY, has_lone_surrogates
+from ....rows.json_text import dumps_any, exact_as_read, loads_any
 from .forms import SAFE_INTEGER
 from .lossless import INTEGER, MISSING, NONE, PRESENT, ROW_KEY, STATE, Field, Message
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from ....codecs.ros.message_columns import Column, Ragged
 from ....rows import packed
-from ....rows.encode import TIME_KEY, loads_any, restore
+from ....rows.encode import TIME_KEY
+from ....rows.json_text import loads_any, restore
 from .fill import VALUE_KEY
 from .lossless import INTEGER, NONE, PRESENT, ROW_KEY, STATE, Field, Message
 

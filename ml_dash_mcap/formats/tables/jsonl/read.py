@@ -17,7 +17,8 @@ from ....errors import ConversionWarning, ForeignFileError, UsageError
 from ....file_names import MESSAGE
 from ....recorder import Recorder
 from ....rows.dotted import FIELD_PREFIX
-from ....rows.encode import EXACT_KEY, TIME_KEY, restore
+from ....rows.encode import EXACT_KEY, TIME_KEY
+from ....rows.json_text import restore
 from ....topic import Topic
 from ...readers import Progress
 from ...text.headers import check_on_bad

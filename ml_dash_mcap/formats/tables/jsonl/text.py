@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ....rows.encode import dumps, exact_as_read
+from ....rows.json_text import dumps, exact_as_read
 from ...topic_part import Row, Selection
 from ..row_entries import TIME_NAME
 
