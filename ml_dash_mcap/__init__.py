@@ -22,12 +22,14 @@ if TYPE_CHECKING:
         ForeignFileError,
         FormatError,
         IntegerRangeError,
+        MissingObjectError,
         MissingRecordingError,
         NotFoundError,
         OptionError,
         PrefixError,
         RangeError,
         RecorderError,
+        StaleVersionError,
         StateError,
         StorageError,
         TimestampError,
@@ -43,6 +45,9 @@ if TYPE_CHECKING:
     from .recording import Recording
     from .recovery import recover
     from .session import Session
+    from .store.local import LocalFolder
+    from .store.objects import ObjectStore
+    from .store.store import Store, StoredObject
     from .topic import Topic
 
 __all__ = [
@@ -60,9 +65,12 @@ __all__ = [
     "FormatError",
     "IntegerRangeError",
     "Limits",
+    "LocalFolder",
     "Loss",
+    "MissingObjectError",
     "MissingRecordingError",
     "NotFoundError",
+    "ObjectStore",
     "OptionError",
     "PrefixError",
     "RangeError",
@@ -71,8 +79,11 @@ __all__ = [
     "RecorderOptions",
     "Recording",
     "Session",
+    "StaleVersionError",
     "StateError",
     "StorageError",
+    "Store",
+    "StoredObject",
     "TimestampError",
     "Topic",
     "TopicError",
@@ -87,11 +98,15 @@ __all__ = [
 _HOMES = {
     "Experiment": "experiment",
     "Limits": "mcap.limits",
+    "LocalFolder": "store.local",
     "Loss": "mcap.losses",
+    "ObjectStore": "store.objects",
     "Recorder": "recorder",
     "RecorderOptions": "options",
     "Recording": "recording",
     "Session": "session",
+    "Store": "store.store",
+    "StoredObject": "store.store",
     "Topic": "topic",
     "convert": "conversion",
     "recordings": "catalog",

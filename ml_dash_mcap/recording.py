@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import errno
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from html import escape
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from . import clock, topic_reader
 from .codecs.decoding import decoding
-from .errors import MissingRecordingError, OptionError, StateError, UsageError
+from .errors import OptionError, StateError, UsageError
 from .file_names import (
-    ACTIVE_SUFFIX,
     FILE_TOPIC,
     LOG_TOPIC,
     METRIC_TOPICS,
     OWN_TOPICS,
-    SEGMENT_SUFFIX,
-    SESSION_FILE,
-    SESSION_GLOB,
 )
 from .formats.destination import refuse_existing, replacing
 from .formats.export_job import Progress
@@ -38,14 +32,15 @@ from .inspect.runs import RunInfo
 from .inspect.topics import TopicInfo
 from .mcap.limits import Limits
 from .mcap.losses import Loss
+from .opening import OpeningOptions, open_recording
 from .query import attachments, counts, topic_rows
 from .query.attachments import Attachments
 from .query.file import File
 from .query.lazy_mapping import Lookup
-from .query.open_files import Segments
 from .query.topic_rows import check_range
 from .rows.result_dicts import BytesFormat, Entries, Take
 from .store.safe_paths import place
+from .store.store import Store
 from .suggestions import not_found
 from .topic_reader import TopicReader
 
@@ -76,7 +71,9 @@ class Recording(Mapping[str, TopicReader]):
         self,
         path: str | Path | Iterable[str | Path],
         *,
+        store: Store | None = None,
         run: str | int | None = None,
+        recover: bool = True,
         on_damage: str = "raise",
         limits: Limits | None = None,
         definitions: Mapping[str, str | Path] | None = None,
@@ -87,9 +84,12 @@ class Recording(Mapping[str, TopicReader]):
         Args:
             path: A run's folder or one file; or several of them, which are read as one recording. A ROS bag or another
                 foreign file is converted into a temporary recording first; `convert` makes one that stays.
+            store: Where `path` lies, which is a name in it then: a folder of MCAP files, or one. None for this machine.
             run: Of a folder with several runs (`runs` lists them), the one to read: its id, or the beginning of that,
                 or its number, 0 for the first and -1 for the last. None reads all as one, in which rows of the same
                 topic and time are one row.
+            recover: Whether to make whole first what a dead recorder left in its folder, which writes there. False
+                reads its files as they lie, without the rows that only its journal has. A store is only read.
             on_damage: "raise" a DamagedFileError where a file is damaged, or "skip" what cannot be read and note it in
                 `losses`. A file that is no MCAP file can be skipped too, unless it is all that was asked for.
             limits: How much memory the files may ask for; None for the defaults, which suit files from outside.
@@ -116,30 +116,27 @@ class Recording(Mapping[str, TopicReader]):
             raise OptionError(f'on_damage={on_damage!r} is neither "raise" nor "skip"')
         if limits is not None and not isinstance(limits, Limits):
             raise UsageError(f"limits={limits!r} is of type {type(limits).__name__}; pass Limits(...)")
-        given = list(path) if isinstance(path, Iterable) and not isinstance(path, str) else [path]
-        if not given:
-            raise MissingRecordingError(errno.ENOENT, "an empty list of files is no recording", "")
-        paths = [place(one, "path") for one in given]
-        self._paths = paths
-        self.path = paths[0]
-        """What was opened; of several, the first."""
+        options = OpeningOptions(recover, on_damage == "skip", limits or Limits(), how, bag_options)
+        self._files = open_recording(path, store, options)
+        self._segments = self._files.segments
+        self.path = self._files.paths[0]
+        """What was opened; of several, the first. In a store, a pure path."""
         self._closed = False
         self._infos: dict[str, TopicInfo] = {}
-        self._converted: list[TemporaryDirectory[str]] = []
-        for one in paths:
-            if one.is_dir():
-                _fold_in_leftovers(one)
         try:
-            opened = [file for one in paths for file in self._as_recording(one, on_damage == "skip", bag_options)]
-            self._segments = Segments(opened, limits or Limits(), salvages=on_damage == "skip", decoding=how)
             self._run = None if run is None else self._choose(run)
         except BaseException:
-            self._remove_converted()
+            self._files.close()
             raise
 
     @property
+    def store(self) -> Store | None:
+        """Where the files lie; None on this machine."""
+        return self._files.store
+
+    @property
     def segments(self) -> list[Path]:
-        """The files, in the order of writing."""
+        """The files, in the order of writing; in a store, their names as pure paths."""
         return [file.path for file in self._opened()]
 
     @property
@@ -395,7 +392,7 @@ class Recording(Mapping[str, TopicReader]):
             >>> latest = Recording(rec.path, run=-1)
         """
         self._opened()
-        found = runs.find(self._segments.all, self._is_recorded)
+        found = runs.find(self._segments.all, self._files.is_recorded)
         return found if self._run is None else [run for run in found if run.id == self._run]
 
     @property
@@ -471,7 +468,7 @@ class Recording(Mapping[str, TopicReader]):
         dest = place(dest, "dest")
         wanted = format if format is not None else format_of(dest)
         check_overwrite(overwrite)
-        with replacing(keeper(wanted, [*self._paths, *self.segments])) if overwrite else nullcontext():
+        with replacing(keeper(wanted, [*self._files.paths, *self.segments])) if overwrite else nullcontext():
             refuse_existing(dest)
             low, high = check_range(start, end, ("start", "end"))
             known = {**self.run, "params": self.params}
@@ -481,31 +478,13 @@ class Recording(Mapping[str, TopicReader]):
     def close(self) -> None:
         """Close the files. May be called twice."""
         self._closed = True
-        self._segments.close()
-        self._remove_converted()
+        self._files.close()
 
     def __enter__(self) -> Recording:
         return self
 
     def __exit__(self, *exception: object) -> None:
         self.close()
-
-    def _as_recording(self, path: Path, salvages: bool, bag_options: Mapping[str, Any]) -> list[Path]:
-        """Return where to read what is at a path: there, or in a temporary place if it is in another format."""
-        if not _may_be_foreign(path):
-            return [path]
-        from .formats import readers
-
-        files = readers.read_as_it_is(path)
-        if files is not None:
-            return files
-        folder = readers.as_folder(path, salvages=salvages, **bag_options)
-        self._converted.append(folder)
-        return [Path(folder.name)]
-
-    def _remove_converted(self) -> None:
-        while self._converted:
-            self._converted.pop().cleanup()
 
     def __repr__(self) -> str:
         if self._closed:
@@ -520,20 +499,9 @@ class Recording(Mapping[str, TopicReader]):
 
     def _choose(self, run: str | int) -> str:
         """Read one run only; returns its id."""
-        try:
-            name = runs.choose(self._segments.all, run)
-        except BaseException:
-            self._segments.close()
-            raise
+        name = runs.choose(self._segments.all, run)
         self._segments.choose(lambda file: runs.id_of(file) == name)
         return name
-
-    def _is_recorded(self, run: str) -> bool:
-        """Whether the recorder of a run lives."""
-        from .store.session_lock import SessionLock
-
-        folders = {path if path.is_dir() else path.parent for path in self._paths}
-        return any(SessionLock.is_held(folder / SESSION_FILE.format(session=run)) for folder in folders)
 
     def _opened(self) -> list[File]:
         if self._closed:
@@ -571,22 +539,3 @@ class _View:
 
     files: Callable[[], Sequence[File]]
     info: Callable[[str], TopicInfo]
-
-
-_FOREIGN = ("*.db3*", "*.mcap.zstd", "*.parquet", "*.pq", "*.csv", "*.tsv", "*.jsonl", "*.ndjson")
-"""Files that make a folder worth a look, which has no `metadata.yaml`."""
-
-
-def _may_be_foreign(path: Path) -> bool:
-    """Whether it is worth looking closer at what is at a path."""
-    if path.is_dir():
-        return (path / "metadata.yaml").exists() or any(next(path.glob(one), None) is not None for one in _FOREIGN)
-    return path.is_file() and not path.name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX)
-
-
-def _fold_in_leftovers(folder: Path) -> None:
-    """Give the rows that a dead recorder left in its journal a place in the recording."""
-    if next(folder.glob(SESSION_GLOB), None) is not None:
-        from .recovery import recover_folder
-
-        recover_folder(folder)

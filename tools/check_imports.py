@@ -27,7 +27,7 @@ FLOORS: list[set[str]] = [
     {"topic"},
     {"recorder"},
     {"formats"},
-    {"topic_reader", "alignment"},
+    {"topic_reader", "alignment", "opening"},
     {"recording"},
     {"run", "conversion", "catalog"},
     {"experiment", "session"},

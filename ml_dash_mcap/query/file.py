@@ -42,6 +42,7 @@ class File:
         path: Path,
         limits_: limits.Limits = limits.DEFAULT,
         *,
+        source: Source | None = None,
         salvages: bool = False,
         decoding_: Decoding = decoding.DEFAULT,
     ) -> None:
@@ -50,6 +51,7 @@ class File:
         Args:
             path: Where it is.
             limits_: For what is read of it.
+            source: Its bytes, which are closed with it; None for those of the local file at `path`.
             salvages: Whether to leave out what is damaged, and note it in `losses`, rather than to raise. What is no
                 MCAP file is an error all the same.
             decoding_: How its messages become rows.
@@ -60,7 +62,7 @@ class File:
         """
         self.path = path
         is_new = path.name.endswith(ACTIVE_SUFFIX)
-        self.source: Source = LocalFile(path, stays_open=is_new)
+        self.source: Source = LocalFile(path, stays_open=is_new) if source is None else source
         self.limits = limits_ = limits.of_file(limits_, self.source.stored_bytes())
         self.salvages = salvages
         self.decoding = decoding_
@@ -162,10 +164,6 @@ class File:
         self._size = size
         self._index = fresh
         return fresh.end != before.end or fresh.finished
-
-    def is_at(self, path: Path) -> bool:
-        """Whether a path leads to this very file, which may have been renamed since it was opened."""
-        return isinstance(self.source, LocalFile) and self.source.is_at(path)
 
     def metadata(self) -> list[records.Metadata]:
         """Return all metadata records, in the order of the file. Each is read once."""

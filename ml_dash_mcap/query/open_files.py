@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 from ..codecs import decoding as decodings
 from ..codecs.decoding import Decoding
 from ..errors import DamagedFileError, MissingRecordingError
-from ..file_names import ACTIVE_SUFFIX
 from ..mcap.limits import DEFAULT, Limits
 from ..mcap.losses import Loss, Losses
-from ..store.file_source import identity
-from . import recording_files
 from .file import File
+from .places import Places, finished_path
 
 
 class Segments:
-    """Runs' folders and files. Any thread may read their files; one at a time refreshes.
+    """The files of one or several places. Any thread may read them; one at a time refreshes.
 
     Attributes:
         files: In the order of writing, those that were chosen.
@@ -26,7 +24,7 @@ class Segments:
 
     def __init__(
         self,
-        paths: Sequence[Path],
+        places: Places,
         limits: Limits = DEFAULT,
         *,
         salvages: bool = False,
@@ -35,7 +33,7 @@ class Segments:
         """Open what is there.
 
         Args:
-            paths: Of folders and files; no file is opened twice.
+            places: Where they lie; no file is opened twice.
             limits: For what is read of a file.
             salvages: Whether to leave out what is damaged, and note it, rather than to raise; also a file that is no
                 MCAP file, unless it is the only one that was asked for.
@@ -45,7 +43,7 @@ class Segments:
             MissingRecordingError: Nothing is.
             DamagedFileError: A file is no MCAP file, or a finished one is broken.
         """
-        self._paths = list(paths)
+        self._places = places
         self._limits = limits
         self._salvages = salvages
         self._decoding = decoding
@@ -77,63 +75,46 @@ class Segments:
         Returns:
             Whether anything changed.
         """
-        known = {_stem(file.path): file for file in self.all}
+        gone = {finished_path(file.path): file for file in self.all}
         files: list[File] = []
         changed = False
         self._refused.clear()
-        for path in self._present():
-            file = known.get(_stem(path))
-            if file is not None and file.is_at(path):
+        for path in self._places.present(is_known=self._is_opened):
+            file = gone.get(finished_path(path))
+            if file is not None and self._places.is_same(file.source, path):
                 changed |= file.refresh(path)
-                del known[_stem(path)]
+                del gone[finished_path(path)]
             else:
                 file = self._open(path)
                 changed |= file is not None
             if file is not None:
                 files.append(file)
-        for gone in known.values():
-            gone.close()
+        for file in gone.values():
+            file.close()
         self.all = files
         self.files = [file for file in files if self._is_chosen(file)]
-        return changed or bool(known)
+        return changed or bool(gone)
 
     def close(self) -> None:
         """Close the files. May be called twice."""
         for file in self.all:
             file.close()
 
-    def _present(self) -> list[Path]:
-        found = list(dict.fromkeys(file for path in self._paths for file in self._present_at(path)))
-        if len(self._paths) == 1:
-            return found
-        return list({identity(path) or path: path for path in reversed(found)}.values())[::-1]
-
-    def _present_at(self, path: Path) -> list[Path]:
-        finished = _stem(path)
-        if finished != path and not path.exists() and finished.exists():
-            return [finished]  # the one file that was opened has been finished since
-        return recording_files.segments(path, is_known=self._is_opened)
-
     def _open(self, path: Path) -> File | None:
         try:
             return self._open_there(path)
         except DamagedFileError as error:
-            is_all = len(self._paths) == 1 and not self._paths[0].is_dir()
-            if is_all or not self._salvages:
+            if self._places.is_one_file or not self._salvages:
                 raise
             self._refused.add(path, Loss(path, error.offset, error.what, None))
             return None
 
     def _open_there(self, path: Path) -> File:
         try:
-            return File(path, self._limits, salvages=self._salvages, decoding_=self._decoding)
+            source = self._places.open(path)
         except MissingRecordingError:
-            if _stem(path) == path:
+            if finished_path(path) == path:
                 raise
-            # finished between listing and opening
-            return File(_stem(path), self._limits, salvages=self._salvages, decoding_=self._decoding)
-
-
-def _stem(path: Path) -> Path:
-    """Return the name that a segment has, or will have, when it is finished."""
-    return path.with_name(path.name.removesuffix(ACTIVE_SUFFIX)) if path.name.endswith(ACTIVE_SUFFIX) else path
+            path = finished_path(path)  # it was finished between listing and opening
+            source = self._places.open(path)
+        return File(path, self._limits, source=source, salvages=self._salvages, decoding_=self._decoding)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import errno
 import os
 import re
+from collections.abc import Iterable, Sequence
 from itertools import islice
 from pathlib import Path
+from typing import NoReturn
 
 from ..errors import MissingRecordingError, StorageError
 from ..file_names import ACTIVE_SUFFIX, DEFAULT_ROOTS
-from ..store.run_folders import is_segment, is_session, runs_below
+from ..store.run_folders import is_segment, is_session, runs_below, runs_in
+from ..store.store import Store
 
 _NUMBER = re.compile(r"([0-9]+)")
 
@@ -38,15 +41,25 @@ def segments(path: Path, *, is_known: bool = False) -> list[Path]:
         return [path]
     if not path.is_dir():
         raise MissingRecordingError(errno.ENOENT, f"no recording here{_hint(path)}", str(path))
-    found: dict[str, Path] = {}
     names = _names(path)
-    for name in sorted(names):  # "x.mcap" comes before "x.mcap.active" and wins
-        stem = name.removesuffix(ACTIVE_SUFFIX)
-        if is_segment(name):
-            found.setdefault(stem, path / name)
-    if not found and not is_known and not any(map(is_session, names)):
-        _refuse(path, names)
-    return [found[stem] for stem in sorted(found, key=_natural)]
+    ordered = in_writing_order(names)
+    if not ordered and not is_known and not any(map(is_session, names)):
+        _refuse(str(path), names, _recordings_below(path))
+    return [path / name for name in ordered]
+
+
+def in_writing_order(names: Iterable[str]) -> list[str]:
+    """Return those of a folder's files that are segments, in the order of writing."""
+    by_stem: dict[str, str] = {}
+    for name in sorted(filter(is_segment, names)):  # "x.mcap" comes before "x.mcap.active" and wins
+        by_stem.setdefault(name.removesuffix(ACTIVE_SUFFIX), name)
+    return [by_stem[stem] for stem in sorted(by_stem, key=_natural)]
+
+
+def refuse_in_store(store: Store, prefix: str, names: Iterable[str]) -> NoReturn:
+    """Raise MissingRecordingError because a folder of a store is no recording; the message names runs below it."""
+    runs = (folder.removeprefix(f"{prefix}/") for folder, _ in runs_in(store.list(prefix)))
+    _refuse(f"{store.url}/{prefix}", list(names), list(islice(runs, _NAMED + 1)))
 
 
 def _names(path: Path) -> list[str]:
@@ -73,19 +86,18 @@ def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
     return [(int(part) if at % 2 else 0, "" if at % 2 else part) for at, part in enumerate(parts)], name
 
 
-def _refuse(path: Path, names: list[str]) -> None:
+def _refuse(place: str, names: Sequence[str], below: Sequence[str]) -> NoReturn:
     """Raise because a folder is no recording, and say what is one: whoever opened it may have meant one below it."""
-    below = _recordings_below(path)
     if below:
         raise MissingRecordingError(
-            errno.ENOENT, f"no recording here, but in the folders below it: {_listed(below)}", str(path)
+            errno.ENOENT, f"no recording here, but in the folders below it: {_listed(below)}", place
         )
     there = f"it has {_listed(sorted(names))}" if names else "it is empty"
     what = "a recording is a folder with .mcap files in it, one .mcap file, or a bag or table of others"
-    raise MissingRecordingError(errno.ENOENT, f"no recording here, and {there}; {what}", str(path))
+    raise MissingRecordingError(errno.ENOENT, f"no recording here, and {there}; {what}", place)
 
 
-def _listed(names: list[str]) -> str:
+def _listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")
 
 

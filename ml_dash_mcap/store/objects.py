@@ -8,13 +8,16 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
-from obstore.exceptions import (
-    AlreadyExistsError,
-    BaseError,
-    PermissionDeniedError,
-    PreconditionError,
-    UnauthenticatedError,
-)
+try:
+    from obstore.exceptions import (
+        AlreadyExistsError,
+        BaseError,
+        PermissionDeniedError,
+        PreconditionError,
+        UnauthenticatedError,
+    )
+except ImportError as error:
+    raise ImportError("ObjectStore needs the package obstore: pip install 'ml-dash-mcap[s3]'") from error
 
 from ..errors import DestinationExistsError, MissingObjectError, StaleVersionError, StorageError
 from .ranges import coalesced, cut

@@ -9,6 +9,7 @@ from itertools import islice
 from pathlib import Path
 
 from ..file_names import ACTIVE_SUFFIX, DEFAULT_ROOTS, SEGMENT_SUFFIX, SESSION_GLOB
+from .store import StoredObject
 
 
 def is_segment(name: str) -> bool:
@@ -41,6 +42,24 @@ def runs_below(root: Path, *, depth: int | None = None, most: int | None = None)
         names[:] = sorted(filter(_is_searched, names)) if depth is None or level < depth else []
         if holds_run(files):
             yield Path(folder)
+
+
+def runs_in(listed: Iterable[StoredObject]) -> Iterator[tuple[str, list[StoredObject]]]:
+    """Yield the folders of a store that hold a run, sorted by name, each with what lies in it.
+
+    Hidden folders are left out as `runs_below` leaves them out.
+
+    Args:
+        listed: What the store lists, all below a folder.
+    """
+    by_folder: dict[str, list[StoredObject]] = {}
+    for stored in listed:
+        by_folder.setdefault(stored.name.rpartition("/")[0], []).append(stored)
+    for folder in sorted(by_folder, key=lambda folder: folder.split("/")):
+        inside = by_folder[folder]
+        is_searched = not folder or all(map(_is_searched, folder.split("/")))
+        if is_searched and holds_run(stored.name.rpartition("/")[2] for stored in inside):
+            yield folder, inside
 
 
 def _is_searched(name: str) -> bool:

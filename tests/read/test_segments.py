@@ -13,6 +13,7 @@ import pytest
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from ml_dash_mcap.query.open_files import Segments
+from ml_dash_mcap.query.places import LocalPlaces
 from tests.support.files import draft, finished, save, unfinished
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,7 +76,7 @@ def test_segments_that_were_in_progress_when_they_were_opened_are_held_open_no_l
     path = tmp_path / "run" / "1.mcap.active"
     path.parent.mkdir()
     path.write_bytes(unfinished(draft(ROWS)))
-    segments = Segments([path.parent])
+    segments = Segments(LocalPlaces([path.parent]))
     [file] = segments.files
     path.write_bytes(finished(draft(ROWS)))
     path.rename(path.with_name("1.mcap"))

@@ -1,0 +1,141 @@
+"""What a caller names, opened as the files of a recording: recovered, converted or found in a store first."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from .codecs.decoding import Decoding
+from .errors import MissingRecordingError
+from .file_names import ACTIVE_SUFFIX, SEGMENT_SUFFIX, SESSION_FILE, SESSION_GLOB
+from .mcap.limits import Limits
+from .query.open_files import Segments
+from .query.places import LocalPlaces, Places, StoredPlaces, label, names_of
+from .store.local import LocalFolder
+from .store.safe_paths import place
+from .store.session_lock import SessionLock
+from .store.store import Store
+
+_FOREIGN = ("*.db3*", "*.mcap.zstd", "*.parquet", "*.pq", "*.csv", "*.tsv", "*.jsonl", "*.ndjson")
+"""Files that make a folder worth a look, which has no `metadata.yaml`."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpeningOptions:
+    """How a recording is opened."""
+
+    recover: bool
+    """Whether what a dead recorder left is made whole first, which writes into its folder."""
+    salvages: bool
+    """Whether to leave out what is damaged rather than to raise."""
+    limits: Limits
+    decoding: Decoding
+    foreign: Mapping[str, Any]
+    """Options for the formats of others, for those that have them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """The open files of a recording."""
+
+    paths: list[Path]
+    """What was named; in a store, pure paths."""
+    segments: Segments
+    store: Store | None
+    """Where the files lie; None on this machine."""
+    converted: list[TemporaryDirectory[str]] = field(default_factory=list)
+    """Folders with what had to be converted."""
+
+    def is_recorded(self, run: str) -> bool:
+        """Whether the recorder of a run lives."""
+        if self.store is not None:
+            return False
+        folders = {path if path.is_dir() else path.parent for path in self.paths}
+        return any(SessionLock.is_held(folder / SESSION_FILE.format(session=run)) for folder in folders)
+
+    def close(self) -> None:
+        """Close the files and remove what was converted. May be called twice."""
+        self.segments.close()
+        _remove(self.converted)
+
+
+def open_recording(
+    given: str | os.PathLike[str] | Iterable[str | os.PathLike[str]], store: Store | None, options: OpeningOptions
+) -> Opened:
+    """Open what a caller names.
+
+    Args:
+        given: A folder's or file's path, or several; with a store, their names in it.
+        store: Where they lie; None for this machine.
+        options: How.
+
+    Raises:
+        MissingRecordingError: There is no recording.
+        DamagedFileError: A file is no MCAP file, or a finished one is broken.
+    """
+    named = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
+    if not named:
+        raise MissingRecordingError(errno.ENOENT, "an empty list of files is no recording", "")
+    if store is None:
+        return _open_local([place(path, "path") for path in named], options)
+    names = names_of(named)
+    if isinstance(store, LocalFolder):
+        return _open_local([store.path_of(name) for name in names], options)
+    return Opened([label(name) for name in names], _segments(StoredPlaces(store, names), options), store)
+
+
+def _open_local(paths: list[Path], options: OpeningOptions) -> Opened:
+    converted: list[TemporaryDirectory[str]] = []
+    if options.recover:
+        for path in paths:
+            _recover(path)
+    try:
+        files = [file for path in paths for file in _as_mcap(path, options, converted)]
+        return Opened(paths, _segments(LocalPlaces(files), options), None, converted)
+    except BaseException:
+        _remove(converted)
+        raise
+
+
+def _segments(places: Places, options: OpeningOptions) -> Segments:
+    return Segments(places, options.limits, salvages=options.salvages, decoding=options.decoding)
+
+
+def _recover(folder: Path) -> None:
+    """Give the rows that a dead recorder left in its journal a place in the recording."""
+    if folder.is_dir() and next(folder.glob(SESSION_GLOB), None) is not None:
+        from .recovery import recover_folder
+
+        recover_folder(folder)
+
+
+def _as_mcap(path: Path, options: OpeningOptions, converted: list[TemporaryDirectory[str]]) -> list[Path]:
+    """Return where to read what is at a path: there, or in a temporary place if it is in another format."""
+    if not _may_be_foreign(path):
+        return [path]
+    from .formats import readers
+
+    files = readers.read_as_it_is(path)
+    if files is not None:
+        return files
+    folder = readers.as_folder(path, salvages=options.salvages, **options.foreign)
+    converted.append(folder)
+    return [Path(folder.name)]
+
+
+def _may_be_foreign(path: Path) -> bool:
+    """Whether it is worth looking closer at what is at a path."""
+    if path.is_dir():
+        has_foreign = any(next(path.glob(pattern), None) is not None for pattern in _FOREIGN)
+        return has_foreign or (path / "metadata.yaml").exists()
+    return path.is_file() and not path.name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX)
+
+
+def _remove(folders: list[TemporaryDirectory[str]]) -> None:
+    while folders:
+        folders.pop().cleanup()

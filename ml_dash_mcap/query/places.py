@@ -1,0 +1,137 @@
+"""Where a recording lies: paths of this machine, or names in a store."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePath, PurePosixPath
+from typing import Protocol, cast
+
+from ..errors import MissingObjectError
+from ..file_names import ACTIVE_SUFFIX
+from ..store.file_source import LocalFile, Source, identity
+from ..store.object_source import ObjectSource
+from ..store.safe_paths import folder_name
+from ..store.store import Store, StoredObject
+from . import recording_files
+
+
+class Places(Protocol):
+    """What was opened: folders and files, in which files appear, grow and get their names while they are read."""
+
+    @property
+    def is_one_file(self) -> bool:
+        """Whether it is a single file, so that nothing is left if that one cannot be read."""
+
+    def present(self, *, is_known: bool) -> list[Path]:
+        """Return the files that are there now, in the order of writing, none of them twice.
+
+        Args:
+            is_known: Whether something was there before, so that nothing is no error.
+
+        Raises:
+            MissingRecordingError: There is no recording.
+        """
+
+    def open(self, path: Path) -> Source:
+        """Open a file that is there; its source is closed by who asked for it."""
+
+    def is_same(self, source: Source, path: Path) -> bool:
+        """Whether a path leads to the very file that is open as `source`, which may have been renamed since."""
+
+
+class LocalPlaces:
+    """Folders and files of this machine."""
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self._paths = list(paths)
+
+    @property
+    def is_one_file(self) -> bool:
+        """Whether it is a single file."""
+        return len(self._paths) == 1 and not self._paths[0].is_dir()
+
+    def present(self, *, is_known: bool) -> list[Path]:
+        """Return the files that are there now; see `Places.present`. A file with several names has one of them."""
+        files = list(dict.fromkeys(file for path in self._paths for file in self._present_at(path, is_known)))
+        if len(self._paths) == 1:
+            return files
+        return list({identity(path) or path: path for path in reversed(files)}.values())[::-1]
+
+    def _present_at(self, path: Path, is_known: bool) -> list[Path]:
+        finished = finished_path(path)
+        if finished != path and not path.exists() and finished.exists():
+            return [finished]  # the one file that was opened has been finished since
+        return recording_files.segments(path, is_known=is_known)
+
+    def open(self, path: Path) -> Source:
+        """Open a file; one in progress stays open, because it will be renamed."""
+        return LocalFile(path, stays_open=path.name.endswith(ACTIVE_SUFFIX))
+
+    def is_same(self, source: Source, path: Path) -> bool:
+        """Whether a path leads to the file that is open."""
+        return isinstance(source, LocalFile) and source.is_at(path)
+
+
+class StoredPlaces:
+    """Folders and objects of a store. They are read as they are: what a dead recorder left, no store can finish."""
+
+    is_one_file = False
+
+    def __init__(self, store: Store, names: Sequence[str]) -> None:
+        """Begin with nothing listed.
+
+        Args:
+            store: Where they lie.
+            names: Of folders and objects; "" is the whole store.
+        """
+        self._store = store
+        self._names = [folder_name(name) for name in names]
+        self._stored: dict[Path, StoredObject] = {}
+        """The files, as they were listed last."""
+
+    def present(self, *, is_known: bool) -> list[Path]:
+        """Return the objects that are there now; see `Places.present`."""
+        found = [stored for name in self._names for stored in self._present_at(name, is_known)]
+        self._stored = {label(stored.name): stored for stored in found}
+        return list(self._stored)
+
+    def _present_at(self, name: str, is_known: bool) -> list[StoredObject]:
+        listed = {PurePosixPath(stored.name).name: stored for stored in self._store.list(name, recursive=False)}
+        names = recording_files.in_writing_order(listed)
+        if names:
+            return [listed[name] for name in names]
+        try:
+            stored = self._store.head(name) if name else None
+        except MissingObjectError:
+            stored = None
+        self.is_one_file = stored is not None and len(self._names) == 1
+        if stored is None and not is_known:
+            recording_files.refuse_in_store(self._store, name, listed)
+        return [] if stored is None else [stored]
+
+    def open(self, path: Path) -> Source:
+        """Open the version of an object that was listed."""
+        return ObjectSource(self._store, self._stored[path])
+
+    def is_same(self, source: Source, path: Path) -> bool:
+        """Whether the object is still the version that is open."""
+        return isinstance(source, ObjectSource) and source.is_version(self._stored[path])
+
+
+def names_of(given: Iterable[str | os.PathLike[str]]) -> list[str]:
+    """Return names in a store, which a caller may spell as relative paths."""
+    return [PurePath(name).as_posix() if isinstance(name, os.PathLike) else name for name in given]
+
+
+def label(name: str) -> Path:
+    """Return an object's name in the form in which files are named.
+
+    It is a pure path: looking for it on this machine's disk, by mistake, is an error rather than another file.
+    """
+    return cast(Path, PurePosixPath(name))
+
+
+def finished_path(path: Path) -> Path:
+    """Return the path that a segment has, or will have, when it is finished."""
+    return path.with_name(path.name.removesuffix(ACTIVE_SUFFIX)) if path.name.endswith(ACTIVE_SUFFIX) else path
