@@ -16,10 +16,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, NoReturn, TypeVar
 
-from .capture.blocks import STAMP, BlockWriter, stamp_after
 from .capture.channels import ChannelInfo
 from .capture.journal import Journal
-from .capture.journal_files import SessionFiles
+from .capture.journal_files import JournalFiles
+from .capture.prepare_block import BlockPreparer
+from .capture.segment_names import STAMP, stamp_after
+from .capture.segment_sink import SegmentSink
 from .capture.writer import Writer
 from .errors import FieldError, PrefixError, StorageError, TopicError, UsageError
 from .file_names import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
@@ -92,7 +94,7 @@ class Recorder:
         """Guards `_channels`, `_topics` and `_said` while one is added."""
         self._numbers = itertools.count(1)
         about = self._about(prefix, metadata or {})
-        self._journal = Journal(SessionFiles(self.path, self.session, self.options, about), self.options)
+        self._journal = Journal(JournalFiles(self.path, self.session, self.options, about), self.options)
         try:
             self._start(about)
         except BaseException:
@@ -103,9 +105,10 @@ class Recorder:
     def _start(self, about: Mapping[str, str]) -> None:
         """Set the writer to work."""
         self._stamper.journal = self._journal
-        self._blocks = BlockWriter(self.path, self.options, about, self._channels)
-        self._writer = Writer(self._journal, self._blocks)
-        self._journal.failure = _weak_failure(self._writer)
+        self._preparer = BlockPreparer(self.path, about, self._channels)
+        self._segments = SegmentSink(self.path, self.options, about, self._channels, self._preparer.fallbacks)
+        self._writer = Writer(self._journal, self._preparer, self._segments)
+        self._journal.room.failure = _weak_failure(self._writer)
         if not self.options.buffered:
             self._journal.eager = self._writer.flush
         elif self.options.batch_rows is not None:
@@ -260,11 +263,11 @@ class Recorder:
         """
         written = self._writer.rows_written  # first: it grows only by rows that were taken
         with self._journal.lock:
-            taken, dropped = self._journal.rows(), dict(self._journal.dropped)
+            taken, dropped = self._journal.rows(), dict(self._journal.room.dropped)
         refused = sum(dropped.values())
         failure = self._writer.failure
         steps = {
-            self._channels[number].topic: counts.steps for number, counts in list(self._blocks.steps.totals.items())
+            self._channels[number].topic: counts.steps for number, counts in list(self._preparer.steps.totals.items())
         }
         return {
             "accepted": taken + refused,
@@ -272,13 +275,13 @@ class Recorder:
             "waiting": taken - written,
             "dropped": refused,
             "dropped_by_topic": dropped,
-            "merged": self._blocks.rows_merged,
+            "merged": self._segments.rows_merged,
             "steps_back": sum(steps.values()),
             "steps_back_by_topic": steps,
-            "bytes_written": self._blocks.bytes_written,
-            "segments": [str(path) for path in self._blocks.finished],
+            "bytes_written": self._segments.bytes_written,
+            "segments": [str(path) for path in self._segments.finished],
             "failure": None if failure is None else str(failure),
-            "fallbacks": dict(self._blocks.fallbacks),
+            "fallbacks": dict(self._preparer.fallbacks.counts),
         }
 
     @property

@@ -288,7 +288,7 @@ def test_finalizers_that_append_lose_nothing_whenever_the_collector_runs(tmp_pat
 def test_a_finalizer_that_runs_on_the_writer_thread_may_append_while_the_backlog_is_full(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, RecorderOptions(chunk_bytes=65536, backlog_bytes=2 * 65536))
     rows = Rows(recorder)
-    compress = recorder._blocks.compress
+    compress = recorder._segments.compress
     entered, go_on = threading.Event(), threading.Event()
 
     def collecting(*arguments: Any) -> Any:
@@ -301,7 +301,7 @@ def test_a_finalizer_that_runs_on_the_writer_thread_may_append_while_the_backlog
         return compress(*arguments)
 
     collecting.name = compress.name  # type: ignore[attr-defined]
-    recorder._blocks.compress = collecting  # type: ignore[assignment]
+    recorder._segments.compress = collecting  # type: ignore[assignment]
     for _ in range(4):
         rows.append("main", fill=FILLER)
     assert entered.wait(10)
@@ -314,7 +314,7 @@ def test_a_recorder_that_is_collected_on_its_own_writer_thread_is_closed_all_the
     recorder: Recorder | None = Recorder(tmp_path)
     assert recorder is not None
     entered, go_on = threading.Event(), threading.Event()
-    compress, thread = recorder._blocks.compress, recorder._writer._thread
+    compress, thread = recorder._segments.compress, recorder._writer._thread
 
     def collecting(*arguments: Any) -> Any:
         entered.set()
@@ -323,7 +323,7 @@ def test_a_recorder_that_is_collected_on_its_own_writer_thread_is_closed_all_the
         return compress(*arguments)
 
     collecting.name = compress.name  # type: ignore[attr-defined]
-    recorder._blocks.compress = collecting  # type: ignore[assignment]
+    recorder._segments.compress = collecting  # type: ignore[assignment]
     recorder.topic("a").append(x=1, _ts=1.0)
     recorder._journal.seal()
     assert entered.wait(10)

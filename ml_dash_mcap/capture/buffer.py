@@ -73,6 +73,15 @@ class Buffer:
         self.map[0] = prologue[0]
         self.end = self.prologue = len(prologue)
 
+    def fill(self, prologue: bytes, record: bytes) -> None:
+        """Put the one row of a large buffer into it, again if that was interrupted."""
+        self.starts.clear()
+        self.begin(prologue)
+        start, self.end = self.end, self.end + len(record)
+        self.map[start + 1 : self.end] = record[1:]
+        self.map[start] = record[0]
+        self.starts.append(start)
+
     def clear(self) -> None:
         """Make it as good as new: invalid first, then all zeros."""
         self.map[0] = 0

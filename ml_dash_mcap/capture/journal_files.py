@@ -20,7 +20,7 @@ from .buffer import Buffer
 _SHARED_MEMORY = Path("/dev/shm")
 
 
-class SessionFiles:
+class JournalFiles:
     """Made when a recorder opens a run's folder; a crash leaves it behind, for a recovery to find the rows by."""
 
     def __init__(self, folder: Path, name: str, options: RecorderOptions, about: Mapping[str, str]) -> None:

@@ -11,9 +11,10 @@ from typing import TypeVar
 
 from ..errors import StorageError
 from ..mcap.chunk_writer import Compressed, Compressor
-from .blocks import BlockWriter
 from .buffer import Buffer
 from .journal import Journal
+from .prepare_block import BlockPreparer
+from .segment_sink import SegmentSink
 from .turn_taking import State, Turns
 
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.05, 1.0
@@ -57,13 +58,14 @@ class Writer:
     `flush`, `stop` and the figures are for any thread; everything else runs on the writer thread.
     """
 
-    def __init__(self, journal: Journal, blocks: BlockWriter) -> None:
+    def __init__(self, journal: Journal, preparer: BlockPreparer, segments: SegmentSink) -> None:
         self.failure: BaseException | None = None
         """Why nothing can be written at the moment, if so."""
         self.rows_written = 0
         """Rows whose block is in the file, as they were appended."""
         self._journal = journal
-        self._blocks = blocks
+        self._preparer = preparer
+        self._segments = segments
         self._progress = threading.Condition()
         """Guards `_requested` and `_done`, the numbers of the flushes asked for and done."""
         self._requested = 0
@@ -71,7 +73,7 @@ class Writer:
         self._stopping = threading.Event()
         self._give_up_at = float("inf")
         self._last_sync = self._last_seal = time.monotonic()
-        blocks.compress = _Alongside(blocks.compress, journal.turns)
+        segments.compress = _Alongside(segments.compress, journal.turns)
         self._thread = threading.Thread(target=self._run, name="ml_dash_mcap writer", daemon=True)
         self._thread.start()
 
@@ -102,7 +104,7 @@ class Writer:
         if failure is not None:
             raise StorageError(
                 getattr(failure, "errno", None) or errno.EIO,
-                f"the recording in {self._blocks.folder} cannot be written: {failure}; its rows wait in the journal",
+                f"the recording in {self._segments.folder} cannot be written: {failure}; its rows wait in the journal",
             ) from failure
 
     def stop(self) -> None:
@@ -129,10 +131,10 @@ class Writer:
         try:
             while self._step():
                 pass
-            self._persist(lambda: self._blocks.finish(self._journal.dropped))
+            self._persist(lambda: self._segments.finish(self._journal.room.dropped))
         except BaseException as error:
             self.failure = error
-            _log.exception("the writer of %s stopped; its rows wait in the journal", self._blocks.folder)
+            _log.exception("the writer of %s stopped; its rows wait in the journal", self._segments.folder)
         finally:
             with self._progress:
                 self._progress.notify_all()
@@ -179,15 +181,16 @@ class Writer:
 
     def _write_block(self, buffer: Buffer) -> None:
         block = buffer.block()
-        prepared = self._persist(lambda: self._blocks.prepare(block))
-        self._persist(lambda: self._blocks.commit(prepared))
+        prepared = self._persist(lambda: self._preparer.prepare(block))
+        self._persist(lambda: self._segments.write(prepared))
+        self._preparer.steps.commit()
 
     def _sync(self) -> None:
         try:
-            self._blocks.sync()
+            self._segments.sync()
         except OSError as error:  # what the system did with the data is unknown; never ask it twice
-            _log.error("syncing %s failed: %s; the recording goes on in a new segment", self._blocks.folder, error)
-            self._blocks.set_aside()
+            _log.error("syncing %s failed: %s; the recording goes on in a new segment", self._segments.folder, error)
+            self._segments.set_aside()
 
     def _persist(self, write: Callable[[], T]) -> T:
         """Do a write again and again while the disk refuses or memory is short; the backlog grows meanwhile."""
@@ -199,10 +202,10 @@ class Writer:
                 return result
             except (OSError, MemoryError) as error:
                 if self.failure is None:
-                    _log.error("cannot write the recording in %s: %r", self._blocks.folder, error)
+                    _log.error("cannot write the recording in %s: %r", self._segments.folder, error)
                 self.failure = error
                 if isinstance(error, OSError) and error.errno not in _DISK_IS_FULL:
-                    self._blocks.set_aside()
+                    self._segments.set_aside()
                 if time.monotonic() + pause > self._give_up_at:
                     raise
                 time.sleep(pause) if self._stopping.is_set() else self._stopping.wait(pause)

@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from ..capture.blocks import STAMP, BlockWriter
 from ..capture.channels import ChannelInfo
+from ..capture.prepare_block import BlockPreparer, SessionProgress
+from ..capture.segment_names import STAMP
+from ..capture.segment_sink import SegmentSink
 from ..errors import MissingRecordingError
 from ..file_names import SESSION_GLOB
 from ..mcap.row_arrays import Block
@@ -157,9 +159,11 @@ def _fold_in(
         channels.update(leftover.channels)
     by_number = {number: sequences.get(info.topic, 0) for number, info in channels.items()}
     last_by_number = {number: last_ns[info.topic] for number, info in channels.items() if info.topic in last_ns}
-    blocks = BlockWriter(folder, RecorderOptions(), about, channels, written, by_number, last_by_number)
-    for one in pending:
-        data = np.frombuffer(bytearray(one.data), np.uint8)
-        blocks.commit(blocks.prepare(Block(data, one.begin, one.end, one.starts, one.gaps, one.extras)))
-    blocks.finish({})
-    return blocks.finished
+    preparer = BlockPreparer(folder, about, channels, SessionProgress(written, by_number, last_by_number))
+    segments = SegmentSink(folder, RecorderOptions(), about, channels, preparer.fallbacks, written)
+    for leftover in pending:
+        data = np.frombuffer(bytearray(leftover.data), np.uint8)
+        block = Block(data, leftover.begin, leftover.end, leftover.starts, leftover.gaps, leftover.extras)
+        segments.write(preparer.prepare(block))
+    segments.finish({})
+    return segments.finished

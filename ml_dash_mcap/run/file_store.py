@@ -23,7 +23,7 @@ _PARTIAL = ".ml_dash-partial-"
 """How the names of files begin that are still being written."""
 
 
-class Journal(Protocol):
+class FileRows(Protocol):
     """Where the rows about files go, and where they are read back."""
 
     def append(self, row: dict[str, Any]) -> None:
@@ -63,16 +63,16 @@ class FileStore:
     a power failure it may be missing or damaged, which its SHA-256 in the recording tells.
     """
 
-    def __init__(self, folder: Path, journal: Journal, owner: str) -> None:
+    def __init__(self, folder: Path, rows: FileRows, owner: str) -> None:
         """Make a store; the folder is made with the first file.
 
         Args:
             folder: The run's folder `files/`.
-            journal: Where the rows go.
+            rows: Where the rows go.
             owner: The run's prefix.
         """
         self.folder = folder
-        self._journal = journal
+        self._rows = rows
         self._owner = owner
         self._order_lock = threading.Lock()
         """Keeps the order of the rows of a path the order in which its files replaced each other."""
@@ -90,7 +90,7 @@ class FileStore:
             FieldError: The details cannot be stored.
             StorageError: The folder or the file cannot be written.
         """
-        self._journal.check_open()
+        self._rows.check_open()
         fields = details.fields()
         json_text.exact(fields, FILE_TOPIC)  # a mistake in them should not leave a file without its row
         target = self.folder.joinpath(path)
@@ -100,7 +100,7 @@ class FileStore:
             row = {**row, "content_type": content_type(path.name), "saved": now_text()}
             with self._order_lock:
                 os.replace(partial, target)
-                self._journal.append(row)
+                self._rows.append(row)
         return self._description(row)
 
     def delete(self, path: PurePosixPath) -> dict[str, Any]:
@@ -110,13 +110,13 @@ class FileStore:
             StateError: The recording is closed.
             NotFoundError: There is no such file.
         """
-        self._journal.check_open()
+        self._rows.check_open()
         found = self.folder / self.find(path)
         with _storage_errors(f"cannot delete {path}"), self._order_lock:
             row = {"path": str(path), "bytes": found.stat().st_size, "sha256": "", "deleted": True}
             row = {**row, "content_type": content_type(path.name), "saved": now_text()}
             found.unlink()
-            self._journal.append(row)
+            self._rows.append(row)
         return {"id": str(path), "deletedAt": row["saved"]}
 
     def find(self, path: PurePosixPath) -> Path:
@@ -167,7 +167,7 @@ class FileStore:
                 yield PurePosixPath(path.relative_to(self.folder).as_posix())
 
     def _last_rows(self) -> dict[str, dict[str, Any]]:
-        last = {row["path"]: row for row in self._journal.rows() if isinstance(row.get("path"), str)}
+        last = {row["path"]: row for row in self._rows.rows() if isinstance(row.get("path"), str)}
         return {path: row for path, row in last.items() if not row.get("deleted")}
 
     def _measured(self, path: PurePosixPath) -> dict[str, Any]:

@@ -17,8 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
-from ml_dash_mcap.capture import blocks as blocks_module
-from ml_dash_mcap.capture import merge_block
+from ml_dash_mcap.capture import merge_block, prepare_block, row_forms, segment_sink
 from ml_dash_mcap.codecs import json_skeleton
 from ml_dash_mcap.codecs.json_skeleton import Skeletons
 from ml_dash_mcap.rows import schema
@@ -269,9 +268,9 @@ def raises(error: Exception) -> Callable[..., Any]:
 
 
 FAILURES = {
-    "telling the forms of a block's rows": (blocks_module, "guess"),
+    "telling the forms of a block's rows": (row_forms, "guess"),
     "merging the rows of a block": (merge_block, "_are_disjoint"),
-    "compressing a chunk": (blocks_module, "compressor"),
+    "compressing a chunk": (segment_sink, "compressor"),
 }
 
 
@@ -335,7 +334,7 @@ def test_a_schema_that_cannot_be_made_is_an_empty_one(tmp_path: Path, monkeypatc
 
 def test_memory_that_is_short_for_a_while_keeps_rows_waiting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = 0
-    pack = blocks_module.pack
+    pack = prepare_block.pack
 
     def scarce(block: Any) -> Any:
         nonlocal calls
@@ -344,7 +343,7 @@ def test_memory_that_is_short_for_a_while_keeps_rows_waiting(tmp_path: Path, mon
             raise MemoryError
         return pack(block)
 
-    monkeypatch.setattr(blocks_module, "pack", scarce)
+    monkeypatch.setattr(prepare_block, "pack", scarce)
     assert appended(tmp_path / "run")["written"] == 150
     assert calls >= 3
 

@@ -235,11 +235,11 @@ def test_what_close_could_not_write_is_recovered_by_a_recorder_in_the_same_proce
 def test_a_row_that_the_writer_cannot_handle_does_not_make_the_folder_unusable(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from ml_dash_mcap.capture import blocks
+    from ml_dash_mcap.capture import segment_sink
 
     broken = Recorder(tmp_path)
     with monkeypatch.context() as patched:
-        patched.setattr(blocks, "split", lambda *_: 1 / 0)
+        patched.setattr(segment_sink, "split", lambda *_: 1 / 0)
         broken.topic("a").append(x=1, _ts=0.0)
         with pytest.raises(StorageError):
             broken.close()

@@ -1,0 +1,200 @@
+"""The buffers of one recorder and how they change hands: active, sealed, free again.
+
+Anything may come between two calls that a thread makes: another thread, a signal handler that appends, Ctrl-C, a
+finalizer that appends. So what must happen together stands together without a call in it ("no call between" below),
+and what was read before a call is read again after it. The lock keeps other threads out; a handler of the same thread
+passes it.
+"""
+
+from __future__ import annotations
+
+import collections
+import queue
+import threading
+from collections.abc import Callable
+
+from ..errors import StateError
+from ..file_names import JOURNAL_RECORD
+from ..mcap import record_bytes
+from .buffer import Buffer
+from .journal_files import JournalFiles
+from .turn_taking import State, Turns
+
+_LONGEST_WAIT_S = 3600.0
+
+
+class BufferRing:
+    """One active buffer, some sealed, some free.
+
+    Any thread calls `seal` and `rows`, the writer thread `take` and `recycle`.
+    """
+
+    def __init__(self, session: JournalFiles) -> None:
+        """Begin the first buffer of a session."""
+        self.session = session
+        self.lock = threading.RLock()
+        """Guards `active`, what is put into it, and the counters. Held for microseconds, never over I/O; the writer
+        thread never waits for it."""
+        self.turns = Turns()
+        self.writer_ident: int | None = None
+        """Which thread recycles the buffers, and so must not wait for a free buffer."""
+        self.registry = b""
+        """The Schema and Channel records of all topics, with which every buffer begins."""
+        self._blocks = 0
+        self._sealed_rows = 0
+        self._sealed: queue.SimpleQueue[tuple[Buffer, ...] | int] = queue.SimpleQueue()
+        self._free: collections.deque[Buffer] = collections.deque(session.buffers[1:])
+        self._rotating = False
+        """Whether a rotation is under way. Who holds the lock and finds it set has interrupted that rotation, and must
+        not wait for what it will bring about."""
+        self._shut: str | None = None
+        self._nothing = Buffer(None, 0)
+        self.active = session.buffers[0]
+        self.active.begin(self._prologue(0, self.registry))
+
+    def _prologue(self, block: int, registry: bytes) -> bytes:
+        owner = record_bytes.metadata(JOURNAL_RECORD, {"session": self.session.name, "block": str(block)})
+        return record_bytes.header("ml_dash_mcap journal") + owner + registry
+
+    # -- sealing -------------------------------------------------------------------------------------------------------
+
+    def seal(self) -> bool:
+        """Hand what is in the active buffer to the writer; returns whether there is nothing left in it."""
+        with self.lock:
+            active = self.active
+            if active.limit < 0 or not (active.starts or active.has_extras):
+                return True
+            return self.rotate(active)
+
+    def seal_within(self, timeout_s: float) -> None:
+        """Do the same if the lock can be had in time and a buffer is free. For the writer thread, which no Ctrl-C hits.
+
+        Args:
+            timeout_s: How long to wait for the lock, in seconds.
+        """
+        if self.lock.acquire(timeout=timeout_s):
+            try:
+                self.seal()
+            finally:
+                self.lock.release()
+
+    def seal_at(self, rows: int) -> Callable[[], object]:
+        """Return what seals the active buffer once so many rows are in it."""
+        return lambda: len(self.active.starts) >= rows and self.seal()
+
+    def rotate(self, full: Buffer, own: Buffer | None = None, record: bytes = b"") -> bool:
+        """Hand the active buffer over and begin a free one, if there is one. Called with the lock held.
+
+        Args:
+            full: The active buffer, as the caller saw it. If it is that no more, somebody else has done this.
+            own: A buffer to hand over right behind it, for a row of its own.
+            record: That row's Message record.
+
+        Returns:
+            Whether it is worth while to look at the active buffer again; with `own`, whether that is handed over.
+        """
+        free, is_nested, is_used = self._free, self._rotating, False
+        if not free:
+            return False
+        self._rotating = True
+        fresh = free[0]
+        del free[0]
+        try:  # no call since `free` was looked at
+            end, registry, put = full.end, self.registry, self._sealed.put
+            rows, blocks = self._sealed_rows + len(full.starts), self._blocks + bool(full.starts)
+            sealed: tuple[Buffer, ...] = (full,)
+            if own is not None:
+                own.fill(self._prologue(blocks, registry), record)
+                sealed, rows, blocks = (full, own), rows + 1, blocks + 1
+            fresh.begin(self._prologue(blocks, registry))
+            if self.active is full and full.end == end and self.registry is registry:  # no call between
+                self._blocks = blocks
+                self._sealed_rows = rows
+                self.active = fresh
+                is_used = True
+                if own is not None:
+                    own.is_sealed = True
+                put(sealed)
+        finally:
+            self._rotating = is_nested
+            if not is_used:
+                fresh.map[0] = 0
+                free += (fresh,)
+        return is_used or own is None
+
+    def rows(self) -> int:
+        """Return how many rows were taken so far."""
+        with self.lock:
+            return self._sealed_rows + len(self.active.starts)
+
+    # -- waiting for the writer ----------------------------------------------------------------------------------------
+
+    @property
+    def cannot_wait(self) -> bool:
+        """Whether waiting would be for ever: in a signal handler or finalizer that interrupted who makes room."""
+        return self._rotating or threading.get_ident() == self.writer_ident
+
+    def stand_back(self) -> None:
+        """Let the writer have the interpreter for a moment, if the caller appends at full speed."""
+        self.turns.stand_back(self._sealed_rows, self._sealed.qsize)
+
+    # -- the writer thread ---------------------------------------------------------------------------------------------
+
+    def take(self, timeout_s: float) -> tuple[Buffer, ...] | int | None:
+        """Return the next sealed buffers or mark, or None after a while without one."""
+        if self._sealed.empty():
+            self.turns.is_hurried = False
+        self.turns.writer = State.RESTING
+        try:
+            return self._sealed.get(timeout=min(max(timeout_s, 0.0), _LONGEST_WAIT_S))
+        except queue.Empty:
+            return None
+        finally:
+            self.turns.writer = State.RUNNING
+
+    def mark(self, number: int, *, is_awaited: bool = True) -> None:
+        """Put a mark behind all that is sealed; `take` returns it when it comes to it.
+
+        Args:
+            number: The mark.
+            is_awaited: Whether somebody waits until it is reached.
+        """
+        self._sealed.put(number)
+        if is_awaited:
+            self.turns.hurry()
+
+    def recycle(self, buffer: Buffer) -> None:
+        """Take back a buffer whose rows are in the file."""
+        buffer.clear()
+        self._free.append(buffer)
+
+    # -- the end -------------------------------------------------------------------------------------------------------
+
+    @property
+    def is_shut(self) -> bool:
+        """Whether it takes no more rows."""
+        return self._shut is not None
+
+    def check_open(self) -> None:
+        """Raise StateError if it takes no more rows."""
+        if self._shut is not None:
+            raise StateError(self._shut)
+
+    def shut(self, why: str) -> None:
+        """Take no more rows; every later append raises `why`. What is in the active buffer is handed over."""
+        put = self._sealed.put
+        with self.lock:
+            if self._shut is None:
+                self._shut = why
+                last = self.active
+                rows = self._sealed_rows + len(last.starts)
+                self._sealed_rows = rows
+                self.active = self._nothing
+                put((last,))
+
+    def abandon(self, why: str) -> None:
+        """Forget everything in a forked child, and touch none of it: it is the parent's."""
+        self.lock = threading.RLock()
+        self._shut = why
+        self.active = self._nothing
+        self.session.leave_behind()

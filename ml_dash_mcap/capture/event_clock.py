@@ -1,0 +1,85 @@
+"""Which clock the tracks run on, learned from their rows; events from before the first of them follow that clock."""
+
+from __future__ import annotations
+
+import datetime
+import logging
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from .. import clock
+from ..mcap.row_arrays import Rows
+from . import event_times
+
+_log = logging.getLogger("ml_dash_mcap")
+
+UNKNOWN_CLOCK = "unknown"
+
+
+class EventClock:
+    """Keeps logs and metrics that were made before the tracks' first row on the clock of the tracks.
+
+    A viewer refuses a file whose times span from one clock to another. So where the tracks turn out not to run on the
+    wall clock, what was logged before their first row takes its time, or stays behind in a segment of its own.
+    Used by the writer thread only.
+    """
+
+    def __init__(self, folder: Path, about: Mapping[str, str]) -> None:
+        """Begin without a row of a track.
+
+        Args:
+            folder: The run's folder, for the log.
+            about: The constant part of the `ml_dash` metadata record.
+        """
+        self.clock = UNKNOWN_CLOCK
+        """epoch, relative (starts near 0), mixed or unknown: how the tracks' time stamps look."""
+        self._folder = folder
+        self._last_event_ns = _begin_ns(about)
+        """A time of the wall clock at which there was no row of a track yet, until there is one."""
+
+    def follow(self, rows: Rows, tracks: npt.NDArray[np.bool_]) -> tuple[Rows, bool]:
+        """Take in a block's rows, and move events onto the tracks' clock where they have to be.
+
+        Args:
+            rows: In the order in which they were appended.
+            tracks: By channel id, whether it is a track.
+
+        Returns:
+            The rows, and whether what is in the file already is on another clock than they are.
+        """
+        is_track = tracks[rows.channels]
+        before = self.clock
+        if is_track.any():
+            self._look(rows.times[is_track])
+        if before != UNKNOWN_CLOCK:
+            return rows, False
+        is_stamped = event_times.stamped(rows, is_track)
+        if self.clock == UNKNOWN_CLOCK:
+            self._last_event_ns = max(self._last_event_ns, *rows.times[is_stamped].tolist(), 0)
+            return rows, False
+        if not event_times.are_elsewhere(rows, is_track, is_stamped, self._last_event_ns, time.time_ns()):
+            return rows, False
+        return event_times.follow(rows, is_track, is_stamped), True
+
+    def _look(self, times: npt.NDArray[np.int64]) -> None:
+        """Note how the time stamps of tracks look, [N], ns."""
+        epoch_like = times >= int(clock.EPOCH_LIKE_S * clock.NS_PER_S)
+        now = "epoch" if epoch_like.all() else "mixed" if epoch_like.any() else "relative"
+        before = self.clock
+        self.clock = now if before in (UNKNOWN_CLOCK, now) else "mixed"
+        if self.clock == "mixed" != before:
+            _log.warning(
+                "the tracks in %s mix wall-clock times and times near 0; viewers refuse such a file", self._folder
+            )
+
+
+def _begin_ns(about: Mapping[str, str]) -> int:
+    """Return when a recorder was opened, by the wall clock, in ns; 0 where that is not recorded."""
+    try:
+        return int(datetime.datetime.fromisoformat(about["run_start"]).timestamp() * clock.NS_PER_S)
+    except (KeyError, ValueError):
+        return 0

@@ -1,0 +1,32 @@
+"""What the writer does a slower way after the fast way failed, counted by what failed."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+_log = logging.getLogger("ml_dash_mcap")
+
+
+class Fallbacks:
+    """Counts the failures that cost time but no row. Written by the writer thread, read by any."""
+
+    def __init__(self, folder: Path) -> None:
+        """Begin with none.
+
+        Args:
+            folder: The run's folder, for the log.
+        """
+        self.counts: dict[str, int] = {}
+        """How often a fast way failed, by what it was for."""
+        self._folder = folder
+
+    def note(self, what: str, error: Exception) -> None:
+        """Count a failure, and log the first of its kind. No such failure may stop the writer."""
+        if what not in self.counts:
+            _log.warning(
+                "%s failed in %s, and is done a slower way; stats()['fallbacks'] counts how often",
+                *(what, self._folder),
+                exc_info=error,
+            )
+        self.counts[what] = self.counts.get(what, 0) + 1

@@ -1,0 +1,149 @@
+"""A sealed buffer made ready for the sinks: its rows shaped, merged and numbered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from ..file_names import TRACK
+from ..mcap.row_arrays import Block, Rows, pack
+from ..rows.schema import Shape
+from .channels import ChannelInfo
+from .event_clock import UNKNOWN_CLOCK, EventClock
+from .fallbacks import Fallbacks
+from .merge_block import merge_each, merge_same_time
+from .row_forms import Forms, RowForms, by_channel
+from .time_steps import Steps
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedBlock:
+    """A block that is ready to be compressed and written."""
+
+    number: int
+    """Its number among the session's blocks with rows; without rows, that of the next block with rows."""
+    rows: Rows | None
+    metadata: tuple[bytes, ...]
+    """Its Metadata records."""
+    clock: str = UNKNOWN_CLOCK
+    """epoch, relative (starts near 0), mixed or unknown: how the tracks' time stamps look up to here."""
+    begins_segment: bool = False
+    """Whether its rows are on another clock than what is in the file already."""
+    shapes: Mapping[int, Shape] = field(default_factory=dict)
+    """The shape of the rows so far of each channel whose schema is inferred."""
+    time_steps: bytes = b""
+    """The Metadata record of where time stepped back in it; empty if it did not."""
+    merged: int = 0
+    """How many rows became part of others."""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionProgress:
+    """What a session has in its files already, where a recovery goes on."""
+
+    next_block: int = 0
+    """Number of the first block with rows that is not in a file."""
+    sequences: Mapping[int, int] = field(default_factory=dict)
+    """Rows in files by channel id."""
+    last_ns: Mapping[int, int] = field(default_factory=dict)
+    """The last time appended to each channel, in ns."""
+
+
+class BlockPreparer:
+    """Prepares the blocks of one session in order. Used by one thread at a time.
+
+    A block whose preparation failed, for want of memory, may be prepared again.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        about: Mapping[str, str],
+        channels: Mapping[int, ChannelInfo],
+        progress: SessionProgress | None = None,
+    ) -> None:
+        """Begin with the first block that is not in a file.
+
+        Args:
+            folder: The run's folder, for the log.
+            about: The constant part of the `ml_dash` metadata record.
+            channels: The topics by number; others may add to it meanwhile.
+            progress: What is in files already, where a recovery goes on.
+        """
+        progress = progress or SessionProgress()
+        self.fallbacks = Fallbacks(folder)
+        """Counts what fails for many rows at once and is done row by row."""
+        self.steps = Steps(progress.last_ns)
+        """What time stepping back did to each topic."""
+        self._channels = channels
+        self._forms = RowForms(channels, self.fallbacks)
+        self._event_clock = EventClock(folder, about)
+        self._sequences: dict[int, int] = dict(progress.sequences)
+        self._next_block = progress.next_block
+        self._begun: tuple[Block, Rows, bool] | None = None
+        """A block whose times were looked at, should the rest of its preparation have to be tried again."""
+
+    def prepare(self, block: Block) -> PreparedBlock:
+        """Return what a sealed buffer holds, shaped, merged and numbered. Its sequence numbers are changed in place."""
+        metadata = tuple(block.data[start:end].tobytes() for start, end in block.extras)
+        if not block.starts:
+            return PreparedBlock(self._next_block, None, metadata, self._event_clock.clock)
+        tracks = self._tracks()
+        if self._begun is None or self._begun[0] is not block:
+            rows, is_elsewhere = self._event_clock.follow(pack(block), tracks)
+            self.steps.look(rows, tracks)
+            self._begun = (block, rows, is_elsewhere)
+        _, rows, is_elsewhere = self._begun
+        merged = self._merge(rows, tracks, self._forms.of_block(rows))
+        ends = self._number(merged)
+        topics = {number: self._channels[number].topic for number in ends}
+        prepared = PreparedBlock(
+            self._next_block,
+            merged,
+            metadata,
+            clock=self._event_clock.clock,
+            begins_segment=is_elsewhere,
+            shapes=self._forms.shapes_of(ends),
+            time_steps=self.steps.record(self._next_block, topics, merged, ends),
+            merged=len(rows) - len(merged),
+        )
+        self._begun = None
+        self._next_block += 1
+        self._sequences.update(ends)
+        return prepared
+
+    def _tracks(self) -> npt.NDArray[np.bool_]:
+        """Return, by channel id, whether it is a track, whose rows of the same time merge."""
+        channels = list(self._channels.items())
+        tracks = np.zeros(max(number for number, _ in channels) + 1, np.bool_)
+        for number, info in channels:
+            tracks[number] = info.kind == TRACK
+        return tracks
+
+    def _merge(self, rows: Rows, tracks: npt.NDArray[np.bool_], forms: Forms) -> Rows:
+        notes: list[tuple[int, list[int], bool]] = []
+        try:
+            merged = merge_same_time(rows, tracks, forms, self._forms.keys_of, lambda *note: notes.append(note))
+        except Exception as error:
+            self.fallbacks.note("merging the rows of a block", error)
+            notes = []
+            on_failure = lambda error: self.fallbacks.note("merging rows of one time", error)  # noqa: E731
+            merged = merge_each(rows, tracks, on_failure, lambda *note: notes.append(note))
+        for note in notes:
+            self.steps.note_merged(*note)
+        return merged
+
+    def _number(self, rows: Rows) -> dict[int, int]:
+        """Number each channel's rows on from its last row; returns how many rows each channel has with these."""
+        sequence = np.zeros(len(rows), np.int64)
+        ends = {}
+        for number, which in by_channel(rows):
+            first = self._sequences.get(number, 0)
+            sequence[which] = first + np.arange(len(which))
+            ends[number] = first + len(which)
+        rows.number(sequence.astype(np.uint32))
+        return ends

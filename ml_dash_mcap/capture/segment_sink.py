@@ -1,0 +1,250 @@
+"""Prepared blocks to the segments of a session: chunked, compressed, written, with a new segment when it is time."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import time
+from collections.abc import Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.ma  # numpy.unique() would load it at the first block: 20 ms, beside a control loop
+from mcap.data_stream import ReadDataStream
+from mcap.records import Metadata
+
+from ..file_names import ACTIVE_SUFFIX, DROPS_RECORD, PARAMETERS_RECORD, STEPS_RECORD
+from ..mcap import record_bytes
+from ..mcap.chunk_writer import UNCOMPRESSED, Chunk, Compressor, build, compressor
+from ..mcap.row_arrays import Rows, split
+from ..mcap.segment import Segment
+from ..options import RecorderOptions
+from ..rows import schema as schemas
+from ..rows.schema import Shape
+from .channels import ChannelInfo
+from .event_clock import UNKNOWN_CLOCK
+from .fallbacks import Fallbacks
+from .prepare_block import PreparedBlock
+from .segment_names import STAMP, segment_path, stamp_after
+
+_SPARE_BYTES = 512
+"""A schema has at least this much room to grow in place, and at least as much as it is long."""
+
+_OWN_CHUNK_BYTES = 32 * 1024
+"""A topic with so many bytes in a block gets a chunk of its own there: who wants that topic unpacks nothing else. For
+fewer, the chunk's head and index and a read of their own cost more than that saves."""
+
+
+class SegmentSink:
+    """Writes the blocks of one session into its folder. Used by one thread at a time.
+
+    A block that could not be written changes nothing, so that it can be written again.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        options: RecorderOptions,
+        about: Mapping[str, str],
+        channels: Mapping[int, ChannelInfo],
+        fallbacks: Fallbacks,
+        next_block: int = 0,
+    ) -> None:
+        """Prepare; the first segment is made with the first block.
+
+        Args:
+            folder: The run's folder.
+            options: The recorder's.
+            about: The constant part of the `ml_dash` metadata record; `library` is also the header's.
+            channels: The topics by number; others may add to it while this writes.
+            fallbacks: Counts what fails and is done a slower way.
+            next_block: Number of the first block with rows, where a recovery goes on.
+        """
+        self.folder = folder
+        self.finished: list[Path] = []
+        self.bytes_written = 0
+        self.rows_merged = 0
+        """Rows that became part of others of the same topic and time before they were written."""
+        self.compress: Compressor = compressor(options)
+        self._next_block = next_block
+        """Number of the next block with rows; recovery tells by it which blocks are in a file."""
+        self._options = options
+        self._own_chunk_bytes = min(_OWN_CHUNK_BYTES, options.chunk_bytes // 16)
+        self._about = dict(about)
+        self._channels = channels
+        self._fallbacks = fallbacks
+        self._clock = UNKNOWN_CLOCK
+        self._parameters: dict[str, str] = {}
+        self._stamp = self._about.pop(STAMP, "") or stamp_after(folder)
+        self._number = 0
+        self._segment: Segment | None = None
+        self._segment_opened = 0.0
+        self._begun: PreparedBlock | None = None
+        """The block that is being written, or was when a write failed."""
+        self._begins_segment = False
+        self._metadata: list[bytes] = []
+        """Those of its Metadata records that are not in the file yet."""
+        self._set_aside: list[Segment] = []
+        self._litter: list[Path] = []
+        """Segments that could not be begun, and perhaps not be deleted either."""
+        self._drops_written: dict[str, int] = {}
+
+    # -- one block ---------------------------------------------------------------------------------------------------
+
+    def write(self, block: PreparedBlock) -> None:
+        """Compress and write a prepared block.
+
+        Raises:
+            OSError: It could not be written; none of its rows is in the file. It may be tried again.
+        """
+        if self._begun is not block:
+            self._begun, self._metadata = block, list(block.metadata)
+            self._begins_segment = block.begins_segment
+            self._clock = block.clock
+        if self._has_chunks() and (self._begins_segment or (block.rows is not None and self._is_time_to_split())):
+            self.finish_segment()
+        self._begins_segment = False
+        while self._metadata:
+            self._write_metadata(self._metadata[0])
+            del self._metadata[0]
+        if block.rows is not None:
+            self._write_rows(block, block.rows)
+            self.rows_merged += block.merged
+        self._begun = None  # the memory of a large row goes with its block
+
+    def _write_metadata(self, record: bytes) -> None:
+        parsed = Metadata.read(ReadDataStream(BytesIO(record[9:])))
+        self._ensure_segment().add_metadata(parsed.name, record)
+        if parsed.name == PARAMETERS_RECORD:
+            self._parameters.update(parsed.metadata)
+
+    def _write_rows(self, block: PreparedBlock, rows: Rows) -> None:
+        segment = self._ensure_channels(rows, block.shapes)
+        chunks = [self._build(part) for part in split(rows, self._own_chunk_bytes)]
+        before = segment.size
+        segment.add_block(chunks, block.number, STEPS_RECORD, block.time_steps)
+        self.bytes_written += segment.size - before
+        self._next_block = block.number + 1
+
+    def _build(self, rows: Rows) -> Chunk:
+        try:
+            return build(rows, self.compress)
+        except OSError:
+            raise
+        except Exception as error:
+            self._fallbacks.note("compressing a chunk", error)
+        return build(rows, UNCOMPRESSED)
+
+    # -- channels and schemas ----------------------------------------------------------------------------------------
+
+    def _ensure_channels(self, rows: Rows, shapes: Mapping[int, Shape]) -> Segment:
+        """Return a segment that has a channel and a wide enough schema for each row, a new one if need be."""
+        numbers = np.unique(rows.channels).tolist()
+        segment = self._ensure_segment()
+        grown = {number: self._schema_record(number, shapes, segment.schema_space(number)) for number in numbers}
+        if any(space < len(record) for number, record in grown.items() if (space := segment.schema_space(number))):
+            self.finish_segment()
+            segment = self._ensure_segment()
+        for number in numbers:
+            if segment.schema_space(number):
+                segment.rewrite_schema(number, grown[number])
+            else:
+                record = self._schema_record(number, shapes, 0)
+                segment.add_channel(number, record, self._channels[number].channel_record())
+        return segment
+
+    def _schema_record(self, number: int, shapes: Mapping[int, Shape], space: int) -> bytes:
+        """Return a topic's Schema record: exactly `space` bytes if it fits, with room to grow if there is none yet."""
+        info = self._channels[number]
+        shape = shapes.get(number)
+        schema = self._schema(shape, info.topic) if shape is not None else None
+        record = info.schema_record(schema)
+        if not space:
+            text = len(schemas.to_bytes(dict(schema or info.schema or {})))
+            return info.schema_record(schema, 0 if shape is None else 2 * text + _SPARE_BYTES)
+        bare = len(record) - len(
+            schemas.to_bytes(dict(schema or info.schema or {"type": "object", "title": info.topic}))
+        )
+        return record if len(record) > space else info.schema_record(schema, space - bare)
+
+    def _schema(self, shape: Shape, topic: str) -> dict[str, Any]:
+        try:
+            return schemas.to_json(shape, topic)
+        except Exception as error:
+            self._fallbacks.note("making a topic's schema", error)
+        return schemas.to_json(Shape(), topic)
+
+    # -- segments ----------------------------------------------------------------------------------------------------
+
+    def _has_chunks(self) -> bool:
+        return self._segment is not None and bool(self._segment.contents.chunks)
+
+    def _is_time_to_split(self) -> bool:
+        too_long = time.monotonic() - self._segment_opened >= self._options.segment_duration_s
+        return too_long or (self._segment is not None and self._segment.size >= self._options.segment_bytes)
+
+    def _ensure_segment(self) -> Segment:
+        while self._segment is None:
+            self._number += 1
+            path = segment_path(self.folder, self._stamp, self._number)
+            try:
+                self._segment = Segment(path, self._about["library"], self._describe())
+            except FileExistsError:
+                continue
+            except OSError:
+                self._litter.append(path.with_name(path.name + ACTIVE_SUFFIX))
+                raise
+            self._segment_opened = time.monotonic()
+            self.bytes_written += self._segment.size
+        return self._segment
+
+    def _describe(self) -> dict[str, str]:
+        return {
+            **self._about,
+            "segment": str(self._number),
+            "start": datetime.datetime.now(datetime.timezone.utc).isoformat(),
+            "clock": self._clock,
+            "first_block": str(self._next_block),
+            "parameters": json.dumps({name: json.loads(text) for name, text in self._parameters.items()}),
+        }
+
+    def set_aside(self) -> None:
+        """Leave the segment in progress, on which a write failed, and go on in a new one."""
+        segment, self._segment = self._segment, None
+        if segment is not None and segment.contents.chunks:
+            self._set_aside.append(segment)
+        elif segment is not None:
+            segment.discard()
+
+    def sync(self) -> None:
+        """Wait until what was written would survive a power cut."""
+        if self._segment is not None:
+            self._segment.sync()
+
+    def finish_segment(self) -> None:
+        """Write the end of the segment in progress, if there is one."""
+        if self._segment is not None:
+            path = self._segment.finish(self._options.sync_interval_s > 0)
+            self._segment = None
+            self.finished.append(path)
+
+    def finish(self, drops: Mapping[str, int]) -> None:
+        """Finish everything, making sure that there is at least one segment.
+
+        Args:
+            drops: Rows refused, by topic, to be written into the file.
+        """
+        if drops != self._drops_written or not (self.finished or self._segment):
+            counts = {topic: str(count) for topic, count in drops.items()}
+            segment = self._ensure_segment()
+            if counts:
+                segment.add_metadata(DROPS_RECORD, record_bytes.metadata(DROPS_RECORD, counts))
+            self._drops_written = dict(drops)
+        self.finish_segment()
+        while self._set_aside:  # what a failed sync did to them is unknown; it is not asked for again
+            self.finished.append(self._set_aside[-1].finish(sync=False))
+            self._set_aside.pop()
+        while self._litter:
+            self._litter.pop().unlink(missing_ok=True)
