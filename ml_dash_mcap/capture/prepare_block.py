@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..file_names import TRACK
 from ..mcap.row_arrays import Block, Rows, pack
-from ..rows.schema import Shape
+from ..rows.shape import Shape
 from .channels import ChannelInfo
 from .event_clock import UNKNOWN_CLOCK, EventClock
 from .fallbacks import Fallbacks

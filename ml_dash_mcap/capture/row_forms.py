@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ..codecs.json_skeleton import LONG_ROW_BYTES, UNKNOWN, Bones, Skeletons, guess
 from ..mcap import record_bytes
 from ..mcap.row_arrays import Rows, taken
-from ..rows.schema import Shape
+from ..rows.shape import Shape
 from .channels import ChannelInfo
 from .fallbacks import Fallbacks
 

@@ -22,7 +22,7 @@ from ..mcap.row_arrays import Rows, split
 from ..mcap.segment import Segment
 from ..options import RecorderOptions
 from ..rows import schema as schemas
-from ..rows.schema import Shape
+from ..rows.shape import NOTHING, Shape
 from .channels import ChannelInfo
 from .event_clock import UNKNOWN_CLOCK
 from .fallbacks import Fallbacks
@@ -174,7 +174,7 @@ class SegmentSink:
             return schemas.to_json(shape, topic)
         except Exception as error:
             self._fallbacks.note("making a topic's schema", error)
-        return schemas.to_json(Shape(), topic)
+        return schemas.to_json(NOTHING, topic)
 
     # -- segments ----------------------------------------------------------------------------------------------------
 

@@ -19,7 +19,8 @@ import orjson
 
 from ..rows.encode import EXACT_KEY
 from ..rows.json_text import restore_kinds
-from ..rows.schema import Shape, Unsaid, infer
+from ..rows.schema import TopicShape, has_only_integers
+from ..rows.shape import Opaque, Shape, of_value
 from . import json_outline
 
 Bytes = npt.NDArray[np.uint8]
@@ -79,7 +80,7 @@ class Skeletons:
     """The skeletons of one topic so far, and the shape of the rows behind them. Used by the writer thread only."""
 
     def __init__(self) -> None:
-        self.shape = Shape()
+        self._rows = TopicShape()
         self.forms: list[Form] = []
         self.latest: tuple[bytes, int] | None = None
         """A skeleton that was seen lately, and its form."""
@@ -88,6 +89,11 @@ class Skeletons:
         self._known: dict[bytes, int] = {}
         self._numbers: dict[Form, int] = {}
         self._long = 0
+
+    @property
+    def shape(self) -> Shape:
+        """The shape of all rows so far."""
+        return self._rows.shape
 
     def begin_block(self) -> None:
         """Begin a block; forms that were returned before may have been forgotten."""
@@ -108,11 +114,12 @@ class Skeletons:
             return UNKNOWN
         row: dict[str, Any] = orjson.loads(payload)
         keys = frozenset(row)
-        self.shape.add(restore_kinds(row))
+        is_certain = EXACT_KEY not in keys and _NO_ITEMS not in skeleton
+        shape = of_value(restore_kinds(row), is_coarse=True)
+        self._rows.add(shape)
         if len(self.forms) >= _MOST_FORMS:
             return UNKNOWN
-        is_certain = EXACT_KEY not in keys and _NO_ITEMS not in skeleton
-        form = Form(keys, is_certain, is_certain and infer([row]).has_integers())
+        form = Form(keys, is_certain, is_certain and has_only_integers(shape))
         number = self._numbers.setdefault(form, len(self.forms))
         if number == len(self.forms):
             self.forms.append(form)
@@ -122,7 +129,8 @@ class Skeletons:
     def _learn_huge(self, payload: bytes) -> None:
         """Widen the shape by the fields of a row, but leave those that are lists and dicts out of the schema."""
         row = restore_kinds(orjson.loads(json_outline.of(payload)))
-        self.shape.add({name: Unsaid() if isinstance(value, (list, dict)) else value for name, value in row.items()})
+        known = {name: Opaque() if isinstance(value, (list, dict)) else value for name, value in row.items()}
+        self._rows.add(of_value(known, is_coarse=True))
 
     def classify(self, bones: Bones, rows: Offsets) -> npt.NDArray[np.int32]:
         """Find the form of each row, learning the new ones.

@@ -109,6 +109,11 @@ def described(spelled: str) -> str:
     return spelled.removeprefix("masked ").removeprefix(">")
 
 
+def is_plain(spelled: str) -> bool:
+    """Whether an array of a spelling is little-endian and has no masked elements."""
+    return not spelled.startswith(("masked ", ">"))
+
+
 def common(first: str, second: str) -> str:
     """Return what describes arrays of two descriptions: `float32[,3]` where a length differs; "" if more does."""
     if first == second:

@@ -1,4 +1,4 @@
-"""What a topic's rows look like: inferred, widened, and said in the JSON Schema that viewers understand.
+"""The shape of a topic's rows as the JSON Schema that viewers understand, and the shape that a JSON Schema tells.
 
 Foxglove and Lichtblick drop a whole topic whose schema has one construct they do not know (a list of types, an
 array of arrays, ...), while a field that is missing from `properties` still arrives and still plots. So a field that
@@ -7,12 +7,14 @@ the subset cannot express is left out.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import orjson
 
-from . import packed
+from . import packed, shape
 from .encode import TIME_KEY
+from .shape import NOTHING, ArrayType, Shape, join, of_dicts, of_lists, scalar
 
 MAX_FIELDS = 4000
 """Fields of a topic, nested ones included, beyond which further ones are left out of its schema."""
@@ -21,174 +23,128 @@ _LONGEST_NAME, _NAME_LETTERS = 4096, 512 * 1024
 """Fields with longer names are left out of the schema, and so are those beyond so many letters in all names of a
 topic: the schema stands in each segment, with room to grow."""
 
-
-class Unsaid:
-    """Stands for a value of which nothing is known: its field is left out of the schema."""
-
-
-class Shape:
-    """The kinds of value that one field has had so far, with the shapes of what it contains."""
-
-    __slots__ = ("_room", "description", "fields", "items", "kinds", "longest", "shortest")
-
-    def __init__(self, room: list[int] | None = None) -> None:
-        """Begin with nothing.
-
-        Args:
-            room: Fields and letters of names that the whole topic may still have, shared by all its shapes.
-        """
-        self.kinds: set[str] = set()
-        """Of null, boolean, integer, number, string, bytes, packed, object, array, unsaid."""
-        self.fields: dict[str, Shape] = {}
-        """Of the objects: every key seen."""
-        self.items: Shape | None = None
-        """Of the arrays: all elements seen, None while all were empty."""
-        self.shortest: int | None = None
-        self.longest: int = 0
-        """Of the arrays: their lengths."""
-        self.description: str | None = None
-        """Of the packed arrays of numpy: type and shape, as `packed` describes them; "" where they differ."""
-        self._room = [MAX_FIELDS, _NAME_LETTERS] if room is None else room
-
-    def add(self, value: Any) -> bool:
-        """Widen by one value; returns whether that changed anything."""
-        kind = _kind(value)
-        changed = kind not in self.kinds
-        self.kinds.add(kind)
-        if kind == "object":
-            changed |= self._add_fields(value)
-        elif kind == "array":
-            changed |= self._add_items(value)
-        elif kind == "packed":
-            changed |= self._add_packed(value)
-        return changed
-
-    def _add_packed(self, value: Any) -> bool:
-        spelled = value if isinstance(value, packed.Spelling) else packed.spelling(value)
-        before, described = self.description, packed.described(spelled)
-        self.description = described if before is None else packed.common(before, described)
-        return self.description != before
-
-    def _add_fields(self, value: dict[str, Any]) -> bool:
-        changed = False
-        for name, inner in value.items():
-            shape = self.fields.get(name)
-            if shape is None:
-                room = self._room
-                if room[0] <= 0 or len(name) > min(_LONGEST_NAME, room[1]):
-                    continue
-                room[0] -= 1
-                room[1] -= len(name)
-                shape = self.fields[name] = Shape(room)
-            changed |= shape.add(inner)
-        return changed
-
-    def _add_items(self, value: list[Any]) -> bool:
-        length = len(value)
-        changed = self.shortest is None or length < self.shortest or length > self.longest
-        self.shortest = length if self.shortest is None else min(self.shortest, length)
-        self.longest = max(self.longest, length)
-        if not value:
-            return changed
-        if self.items is None:
-            self.items = Shape(self._room)
-        return self.items._add_elements(value) or changed
-
-    def _add_elements(self, values: list[Any]) -> bool:
-        """Widen by the elements of an array; of arrays in it, which no schema has words for, by no more than that."""
-        types = set(map(type, values))
-        kinds = {_KINDS.get(type_, "packed") for type_ in types}
-        changed = not kinds <= self.kinds
-        self.kinds |= kinds
-        if dict in types:
-            for value in values:
-                if type(value) is dict:
-                    changed |= self._add_fields(value)
-        return changed
-
-    def has_integers(self) -> bool:
-        """Whether some part has only had integers, so that one fraction would widen it."""
-        if "integer" in self.kinds and "number" not in self.kinds:
-            return True
-        return any(shape.has_integers() for shape in self._parts())
-
-    def _parts(self) -> list[Shape]:
-        return [*self.fields.values(), *([self.items] if self.items is not None else [])]
-
-
-def _kind(value: Any) -> str:
-    return _KINDS.get(type(value), "packed")
-
-
-_KINDS = {
-    type(None): "null",
-    bool: "boolean",
-    int: "integer",
-    float: "number",
-    str: "string",
-    bytes: "bytes",
-    dict: "object",
-    Unsaid: "unsaid",
-    list: "array",
+_TYPES = {
+    shape.BOOLEAN: "boolean",
+    shape.INTEGER: "integer",
+    shape.FLOAT64: "number",
+    shape.INTEGER | shape.FLOAT64: "number",
+    shape.TEXT: "string",
+    shape.DICT: "object",
+    shape.LIST: "array",
 }
+"""What JSON Schema calls kinds of values."""
+
+_KINDS = {name: kinds for kinds, name in _TYPES.items() if kinds != shape.INTEGER | shape.FLOAT64}
+
+_BASE64 = {"type": "string", "contentEncoding": "base64"}
+
+_OPAQUE = scalar(shape.OPAQUE)
 
 
-def infer(rows: list[dict[str, Any]]) -> Shape:
-    """Return the shape that covers rows, as `decode` gives them (non-finite numbers and bytes restored)."""
-    shape = Shape()
-    for row in rows:
-        shape.add(row)
-    return shape
+class TopicShape:
+    """The shape of a topic's rows, widened row by row, with bounds for what a schema has room for."""
+
+    def __init__(self) -> None:
+        self.shape = NOTHING
+        self._fields, self._letters = MAX_FIELDS, _NAME_LETTERS
+        """Fields and letters of names that there is still room for."""
+
+    def add(self, row: Shape) -> None:
+        """Widen by the shape of a row."""
+        self.shape = join(self.shape, row, self._admit)
+
+    def _admit(self, name: str) -> bool:
+        if self._fields <= 0 or len(name) > min(_LONGEST_NAME, self._letters):
+            return False
+        self._fields -= 1
+        self._letters -= len(name)
+        return True
 
 
-def to_json(shape: Shape, title: str) -> dict[str, Any]:
-    """Say a topic's shape as a JSON Schema within the viewers' subset.
+def has_only_integers(row: Shape) -> bool:
+    """Whether some part has only integers, so that one fraction would widen it."""
+    if row.kinds & shape.INTEGER and not row.kinds & shape.FLOAT64:
+        return True
+    return any(map(has_only_integers, row.fields.values())) or (row.items is not None and has_only_integers(row.items))
+
+
+def to_json(rows: Shape, title: str) -> dict[str, Any]:
+    """Return a topic's JSON Schema, within the viewers' subset.
 
     Args:
-        shape: Of the topic's rows.
+        rows: The shape of the topic's rows.
         title: The topic's name.
     """
-    said = _object(shape, [MAX_FIELDS])
-    said["properties"][TIME_KEY] = {"type": "number"}  # whatever else finds no room
-    return {"type": "object", "title": title, **said}
+    schema = _object(rows, [MAX_FIELDS])
+    schema["properties"][TIME_KEY] = {"type": "number"}  # whatever else has no room
+    return {"type": "object", "title": title, **schema}
 
 
-def _say(shape: Shape, budget: list[int]) -> dict[str, Any] | None:
+def _of_field(values: Shape, budget: list[int]) -> dict[str, Any] | None:
     """Return the schema of one field, or None where the subset has no words for it."""
-    kinds = shape.kinds - {"null"}
-    if kinds == {"bytes", "packed"}:
-        kinds = {"bytes"}
-    if kinds == {"integer", "number"}:
-        kinds = {"number"}
-    if len(kinds) != 1 or budget[0] <= 0 or kinds == {"unsaid"}:
+    kinds = values.value_kinds
+    if kinds in (shape.BYTES, shape.ARRAY, shape.BYTES | shape.ARRAY) and budget[0] > 0:
+        budget[0] -= 1
+        return dict(_BASE64) if kinds & shape.BYTES else {**_BASE64, "description": _description(values.array)}
+    type_ = _TYPES.get(kinds)
+    if type_ is None or budget[0] <= 0:
         return None
     budget[0] -= 1
-    (kind,) = kinds
-    if kind == "object":
-        return {"type": "object", **_object(shape, budget)}
-    if kind == "array":
-        return _array(shape, budget)
-    if kind == "bytes":
-        return {"type": "string", "contentEncoding": "base64"}
-    if kind == "packed":
-        return {"type": "string", "contentEncoding": "base64", "description": shape.description or "array"}
-    return {"type": kind}
+    if kinds == shape.LIST:
+        return _array(values, budget)
+    return {"type": type_, **(_object(values, budget) if kinds == shape.DICT else {})}
 
 
-def _object(shape: Shape, budget: list[int]) -> dict[str, Any]:
-    said = {name: _say(inner, budget) for name, inner in shape.fields.items()}
-    return {"properties": {name: schema for name, schema in said.items() if schema is not None}}
+def _object(dicts: Shape, budget: list[int]) -> dict[str, Any]:
+    schemas = {name: _of_field(values, budget) for name, values in dicts.fields.items()}
+    return {"properties": {name: schema for name, schema in schemas.items() if schema is not None}}
 
 
-def _array(shape: Shape, budget: list[int]) -> dict[str, Any] | None:
-    if shape.items is None or not shape.items.kinds.isdisjoint({"array", "bytes", "packed"}):
+def _array(lists: Shape, budget: list[int]) -> dict[str, Any] | None:
+    if lists.items is None or lists.items.kinds & (shape.LIST | shape.BYTES | shape.ARRAY):
         return None
-    items = _say(shape.items, budget)
+    items = _of_field(lists.items, budget)
     if items is None:
         return None
-    return {"type": "array", "items": items, "minItems": shape.shortest, "maxItems": shape.longest}
+    return {"type": "array", "items": items, "minItems": lists.shortest, "maxItems": lists.longest}
+
+
+def _description(array: ArrayType | None) -> str:
+    """Return the type and the lengths of arrays as `packed` describes them; "array" where too much differs."""
+    if array is None or array.dtype is None or array.lengths is None:
+        return "array"
+    return f"{array.dtype}[{','.join('' if length is None else str(length) for length in array.lengths)}]"
 
 
 def to_bytes(schema: dict[str, Any], reserve: int = 0) -> bytes:
     """Serialise a schema, padded with blanks to a length of `reserve` bytes so that it can grow in place."""
     return orjson.dumps(schema).ljust(reserve)
+
+
+def of_json(schema: Mapping[str, Any]) -> Shape:
+    """Return the least shape whose values a JSON Schema, of whoever wrote it, describes.
+
+    Of what it describes in other words than `to_json`, nothing is known.
+    """
+    type_ = schema.get("type")
+    if type_ == "array":
+        items, shortest, longest = schema.get("items"), schema.get("minItems"), schema.get("maxItems")
+        inner = of_json(items) if isinstance(items, dict) else _OPAQUE
+        is_bounded = isinstance(shortest, int) and isinstance(longest, int)
+        return of_lists(inner, shortest, longest) if is_bounded else of_lists(inner, 0, shape.UNBOUNDED)
+    if type_ == "object":
+        properties = schema.get("properties")
+        fields = properties.items() if isinstance(properties, dict) else ()
+        return of_dicts({name: of_json(inner) for name, inner in fields if isinstance(inner, dict)})
+    if type_ == "string" and schema.get("contentEncoding") == "base64":
+        return _of_description(schema.get("description"))
+    kinds = _KINDS.get(type_) if isinstance(type_, str) else None
+    return _OPAQUE if kinds is None else scalar(kinds)
+
+
+def _of_description(description: object) -> Shape:
+    """Return the shape of arrays that a schema describes; that of bytes if it describes none."""
+    if description == "array":
+        return Shape(shape.ARRAY, array=ArrayType(None, None))
+    parsed = packed.parse(description) if isinstance(description, str) else None
+    return scalar(shape.BYTES) if parsed is None else Shape(shape.ARRAY, array=ArrayType(*parsed))

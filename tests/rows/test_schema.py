@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.rows import schema
+from ml_dash_mcap.rows.shape import of_value, of_values
 from tests.support.case_ids import stable_repr
 from tests.support.examples import examples
 from tests.support.row_types import mismatches
@@ -39,10 +40,24 @@ def as_json(value: Any) -> Any:
 @given(st.lists(rows, max_size=5))
 @settings(deadline=None, max_examples=examples(150))
 def test_a_schema_is_within_the_viewers_subset_and_covers_its_rows(listed: list[dict[str, Any]]) -> None:
-    said = schema.to_json(schema.infer(listed), "topic")
+    said = schema.to_json(of_values(listed), "topic")
     assert violations(said) == []
     for row in listed:
         assert list(mismatches(as_json(row), said)) == []
+
+
+@given(st.lists(rows, max_size=5))
+@settings(deadline=None)
+def test_what_a_coarse_look_leaves_out_no_schema_tells(listed: list[dict[str, Any]]) -> None:
+    coarse, whole = of_values(listed, is_coarse=True), of_values(listed)
+    assert schema.to_json(coarse, "t") == schema.to_json(whole, "t")
+
+
+@given(st.lists(rows, max_size=5))
+@settings(deadline=None)
+def test_a_schema_describes_a_shape_that_has_this_schema(listed: list[dict[str, Any]]) -> None:
+    said = schema.to_json(of_values(listed), "t")
+    assert schema.to_json(schema.of_json(said), "t") == said
 
 
 @given(st.lists(rows, max_size=5), st.randoms())
@@ -50,7 +65,7 @@ def test_a_schema_is_within_the_viewers_subset_and_covers_its_rows(listed: list[
 def test_the_order_of_the_rows_does_not_matter(listed: list[dict[str, Any]], chance: Any) -> None:
     shuffled = list(listed)
     chance.shuffle(shuffled)
-    assert schema.to_json(schema.infer(listed), "t") == schema.to_json(schema.infer(shuffled), "t")
+    assert schema.to_json(of_values(listed), "t") == schema.to_json(of_values(shuffled), "t")
 
 
 @pytest.mark.parametrize(
@@ -90,16 +105,16 @@ def test_the_order_of_the_rows_does_not_matter(listed: list[dict[str, Any]], cha
     ids=stable_repr,
 )
 def test_what_the_subset_can_say_is_said_and_the_rest_left_out(seen: list[Any], said: Any) -> None:
-    found = schema.to_json(schema.infer([{"v": value, "_ts": 1.0} for value in seen]), "t")
+    found = schema.to_json(of_values([{"v": value, "_ts": 1.0} for value in seen]), "t")
     expected = {} if said is None else {"v": said}
     assert found["properties"] == {**expected, "_ts": {"type": "number"}}
 
 
 def test_a_topic_with_very_many_fields_has_a_schema_of_bounded_size() -> None:
-    shape = schema.infer(
-        [{f"field{number}": number for number in range(10_000)}, {f"x{number}": {"y": 1} for number in range(9000)}]
-    )
-    said = schema.to_json(shape, "t")
+    learnt = schema.TopicShape()
+    learnt.add(of_value({f"field{number}": number for number in range(10_000)}))
+    learnt.add(of_value({f"x{number}": {"y": 1} for number in range(9000)}))
+    said = schema.to_json(learnt.shape, "t")
     assert violations(said) == []
     assert len(schema.to_bytes(said)) < 1_000_000
     assert said["properties"]["_ts"] == {"type": "number"}
