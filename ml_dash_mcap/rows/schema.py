@@ -130,8 +130,9 @@ def of_json(schema: Mapping[str, Any]) -> Shape:
     if type_ == "array":
         items, shortest, longest = schema.get("items"), schema.get("minItems"), schema.get("maxItems")
         inner = of_json(items) if isinstance(items, dict) else _OPAQUE
-        is_bounded = isinstance(shortest, int) and isinstance(longest, int)
-        return of_lists(inner, shortest, longest) if is_bounded else of_lists(inner, 0, shape.UNBOUNDED)
+        if not isinstance(shortest, int) or not isinstance(longest, int):
+            shortest, longest = 0, shape.UNBOUNDED
+        return of_lists(inner, shortest, longest)
     if type_ == "object":
         properties = schema.get("properties")
         fields = properties.items() if isinstance(properties, dict) else ()
