@@ -39,6 +39,7 @@ FLOORS: list[set[str]] = [
 HEAVY = {
     "pyarrow": {
         "alignment",
+        "codecs.ros.arrow_columns",
         "formats.mocap.samples",
         "formats.ros.messages.arrow_blocks",
         "formats.tables.arrow_values",
@@ -73,6 +74,7 @@ HEAVY = {
         "topic_reader",
     },
     "rosbags": {"codecs.ros.standard_types", "formats.ros.translate"},
+    "ruamel": {"formats.ros.bag_information"},
     "google": {"codecs.protobuf"},
     "mcap_protobuf": {"codecs.protobuf"},
     "ezc3d": {"formats.mocap.c3d.write"},

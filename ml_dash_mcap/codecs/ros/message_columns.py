@@ -1,74 +1,24 @@
-"""What a message is made of, and how many messages lie in memory: as columns.
+"""Many messages as columns: the values of each field of all of them.
 
-The value of a type for N messages is
+The column of a type for N messages is
 
-    Number, Array of Number      an array, [N] or [N, count]
-    Text, Sequence               Ragged; a Sequence of Number of one length also an array, [N, length]
-    Struct                       a dict of fields, each such a value
-    any of them                  Constant, where all messages have the same
+    a number, an array of numbers     an array, [N] or [N, length]
+    a text, a list of any length      Ragged; a list of numbers of one length may also be an array, [N, length];
+                                      the items of one byte, such as int8, may be the bytes, uint8
+    a message                         a dict of fields, each such a column
+    any of them                       Constant, where all messages have the same value
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from .message_types import Array, Basic, Definitions, Named, Type, numbers_in
+
 Indices = npt.NDArray[np.int64]
-
-_NUMBERS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64")
-_DTYPES: Mapping[str, np.dtype[Any]] = {
-    **{name: np.dtype(name).newbyteorder("<") for name in _NUMBERS},
-    **{name: np.dtype("uint8") for name in ("bool", "byte", "char", "octet")},
-}
-
-
-@dataclass(frozen=True, slots=True)
-class Number:
-    """A number, or a bool in one byte."""
-
-    name: str
-    """As ROS calls it, such as "float64"."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Its bytes, little-endian."""
-        return _DTYPES[self.name]
-
-
-@dataclass(frozen=True, slots=True)
-class Text:
-    """A string in UTF-8."""
-
-
-@dataclass(frozen=True, slots=True)
-class Array:
-    """So many items, always."""
-
-    item: Type
-    count: int
-
-
-@dataclass(frozen=True, slots=True)
-class Sequence:
-    """Any number of items."""
-
-    item: Type
-
-
-@dataclass(frozen=True, slots=True)
-class Struct:
-    """A message, or one inside another."""
-
-    name: str
-    """Such as "std_msgs/msg/Header"."""
-    fields: tuple[tuple[str, Type], ...]
-
-
-Type = Number | Text | Array | Sequence | Struct
 
 
 class Ragged(NamedTuple):
@@ -98,13 +48,26 @@ Column = Any
 """An array, Ragged, a dict of columns, or Constant."""
 
 
-def pick(column: Column, which: Indices) -> Column:
+def pick(column: Column, numbers: Indices) -> Column:
     """Return the values of some messages, in the order given."""
     if isinstance(column, dict):
-        return {name: pick(inner, which) for name, inner in column.items()}
+        return {name: pick(inner, numbers) for name, inner in column.items()}
     if isinstance(column, Ragged):
-        return Ragged(column.items, column.starts[which], column.lengths[which])
-    return column if isinstance(column, Constant) else column[which]
+        return Ragged(column.items, column.starts[numbers], column.lengths[numbers])
+    return column if isinstance(column, Constant) else column[numbers]
+
+
+def count(column: Column) -> int:
+    """Return how many values there are.
+
+    Raises:
+        ValueError: They are messages without fields.
+    """
+    if isinstance(column, dict):
+        if not column:
+            raise ValueError("messages without fields are no column")
+        return count(next(iter(column.values())))
+    return len(column.lengths) if isinstance(column, Ragged) else len(column)
 
 
 def texts(values: list[str]) -> Ragged:
@@ -114,58 +77,48 @@ def texts(values: list[str]) -> Ragged:
     return Ragged.behind_each_other(np.frombuffer(b"".join(encoded), np.uint8), lengths)
 
 
-def spread(column: Column, type_: Type, count: int) -> Column:
+def ranges(starts: Indices, lengths: Indices) -> Indices:
+    """Return the positions of all items of ragged values, those of one value behind those of the other."""
+    ends = np.cumsum(lengths)
+    total = int(ends[-1]) if len(ends) else 0
+    positions: Indices = np.repeat(starts - ends + lengths, lengths) + np.arange(total)
+    return positions
+
+
+def spread(definitions: Definitions, type_: Type, column: Column, count: int) -> Column:
     """Return a column without Constant on its top."""
     if not isinstance(column, Constant):
         return column
     value = column.value
-    if isinstance(type_, Struct):
-        return {name: Constant(value[name]) for name, _ in type_.fields}
-    if isinstance(type_, Text):
-        return _repeat(np.frombuffer(value.encode(), np.uint8), count)
-    if isinstance(type_, Sequence) or (isinstance(type_, Array) and not isinstance(type_.item, Number)):
-        return _repeat(_items(value, type_.item), count, len(value))
-    shape = (count, type_.count) if isinstance(type_, Array) else (count,)
-    item = type_.item if isinstance(type_, Array) else type_
-    assert isinstance(item, Number)
-    return np.broadcast_to(np.asarray(value, item.dtype), shape)
+    if isinstance(type_, Named):
+        return {name: Constant(value[name]) for name in definitions.messages[type_.name]}
+    if isinstance(type_, Array):
+        numbers = numbers_in(type_)
+        if numbers is None or type_.length is None:
+            return _repeat(_items(definitions, type_.of, value), len(value), count)
+        return np.broadcast_to(np.asarray(value, numbers.dtype), (count, type_.length))
+    assert isinstance(type_, Basic)
+    if type_.is_text:
+        encoded = value.encode()
+        return _repeat(np.frombuffer(encoded, np.uint8), len(encoded), count)
+    return np.broadcast_to(np.asarray(value, type_.dtype), (count,))
 
 
-def _repeat(items: Column, count: int, length: int | None = None) -> Ragged:
-    size = len(items) if length is None else length
-    return Ragged(items, np.zeros(count, np.int64), np.full(count, size, np.int64))
+def _repeat(items: Column, length: int, count: int) -> Ragged:
+    return Ragged(items, np.zeros(count, np.int64), np.full(count, length, np.int64))
 
 
-def _items(values: Any, type_: Type) -> Column:
+def _items(definitions: Definitions, type_: Type, values: Any) -> Column:
     """Return a list of items as a column."""
-    if isinstance(type_, Number):
-        return np.asarray(values, type_.dtype)
-    if isinstance(type_, Text):
-        return texts(list(values))
-    if isinstance(type_, Struct):
-        return {name: _items([value[name] for value in values], inner) for name, inner in type_.fields}
-    if isinstance(type_, Array) and isinstance(type_.item, Number):
-        return np.asarray(values, type_.item.dtype).reshape(len(values), type_.count)
-    lengths = np.fromiter(map(len, values), np.int64, len(values))
-    return Ragged.behind_each_other(_items([one for value in values for one in value], type_.item), lengths)
-
-
-def from_definitions(find: Callable[[str], Iterator[tuple[str, Any]]], name: str) -> Struct:
-    """Return a message's type.
-
-    Args:
-        find: Returns the fields of a message, each with its description as rosbags has it: (kind, what), in which the
-            kinds are 1 a primitive, 2 a message, 3 an array, 4 a sequence.
-        name: Of the message, such as "sensor_msgs/msg/Imu".
-    """
-    return Struct(name, tuple((field, _described(find, what)) for field, what in find(name)))
-
-
-def _described(find: Callable[[str], Iterator[tuple[str, Any]]], description: Any) -> Type:
-    kind, what = int(description[0]), description[1]
-    if kind == 1:
-        return Text() if what[0] in ("string", "wstring") else Number(what[0])
-    if kind == 2:
-        return from_definitions(find, what)
-    inner = _described(find, what[0])
-    return Array(inner, what[1]) if kind == 3 else Sequence(inner)
+    if isinstance(type_, Named):
+        fields = definitions.messages[type_.name]
+        return {name: _items(definitions, inner, [value[name] for value in values]) for name, inner in fields.items()}
+    if isinstance(type_, Array):
+        numbers = numbers_in(type_)
+        if numbers is not None and type_.length is not None:
+            return np.asarray(values, numbers.dtype).reshape(len(values), type_.length)
+        lengths = np.fromiter(map(len, values), np.int64, len(values))
+        items = _items(definitions, type_.of, [item for value in values for item in value])
+        return Ragged.behind_each_other(items, lengths)
+    assert isinstance(type_, Basic)
+    return texts(list(values)) if type_.is_text else np.asarray(values, type_.dtype)

@@ -13,16 +13,12 @@ from . import definitions, idl
 from .definition_sources import Finder, Supply, is_idl, settled
 from .message_reader import Read, reader
 from .message_types import APPENDABLE, Definitions, canonical
-from .wire import BY_HEAD, CDR, DELIMITED, PARAMETER_LISTS, ROS1, Wire
+from .wire import BY_HEAD, CDR, CDR_HEAD_BYTES, CDR_PADDING, DELIMITED, PARAMETER_LISTS, ROS1, Wire
 
 Row = dict[str, Any]
 Decoder = Callable[[bytes], Any]
 Misfit = Callable[[bytes, ValueError], Any]
 """Takes a payload that is no such message, and why; what it returns is returned for the message."""
-
-_CDR_HEAD = 4
-_PADDING = 3
-"""Bytes that may follow a CDR message, so that its length is a multiple of 4."""
 
 _TEXT_CHARACTERS = 4 * 1024 * 1024
 """How long a definition may be, with all that it needs."""
@@ -164,15 +160,17 @@ def _cdr(how: _How) -> Decoder:
             if payload[:2] != b"\0\1" or little is None:
                 return _other_cdr(how, payload)
             try:
-                row, end = little(payload, _CDR_HEAD)
+                row, end = little(payload, CDR_HEAD_BYTES)
             except UnicodeDecodeError:
-                row, end = how.again(CDR, payload, _CDR_HEAD)
-            if end <= len(payload) <= end + _PADDING:
+                row, end = how.again(CDR, payload, CDR_HEAD_BYTES)
+            if end <= len(payload) <= end + CDR_PADDING:
                 return row
             why = _wrong_length(payload, end)
         except (ValueError, struct.error) as error:
             why = _as_value_error(payload, error)
-        if is_empty and _CDR_HEAD <= len(payload) <= _CDR_HEAD + 1 + _PADDING:  # with or without ROS's byte
+        if (
+            is_empty and CDR_HEAD_BYTES <= len(payload) <= CDR_HEAD_BYTES + 1 + CDR_PADDING
+        ):  # with or without ROS's byte
             return {}
         return how.misfit(payload, why)
 
@@ -185,16 +183,16 @@ def _other_cdr(how: _How, payload: bytes) -> Row:
     wire = BY_HEAD.get(head)
     if wire is None:
         kind = "a list of parameters" if head in PARAMETER_LISTS else "nothing that is known"
-        raise ValueError(f"it starts with {payload[:_CDR_HEAD]!r}, which announces {kind}, no plain CDR")
+        raise ValueError(f"it starts with {payload[:CDR_HEAD_BYTES]!r}, which announces {kind}, no plain CDR")
     rows: list[Row] = []
     why: Exception | None = None
     for default in _defaults(how.found, head, wire):
         try:
             try:
-                row, end = _reader(how.found, wire, default)(payload, _CDR_HEAD)
+                row, end = _reader(how.found, wire, default)(payload, CDR_HEAD_BYTES)
             except UnicodeDecodeError:
-                row, end = how.again(wire, payload, _CDR_HEAD, default)
-            if not end <= len(payload) <= end + _PADDING:
+                row, end = how.again(wire, payload, CDR_HEAD_BYTES, default)
+            if not end <= len(payload) <= end + CDR_PADDING:
                 raise _wrong_length(payload, end)
             if not rows or repr(rows[0]) != repr(row):
                 rows.append(row)

@@ -25,13 +25,10 @@ from .message_types import (
     Undecoded,
 )
 from .pieces import MOST_NOTHINGS, pieces
-from .wire import Wire
+from .wire import CDR_HEAD_BYTES, Wire
 
 Read = Callable[[bytes, int], tuple[Any, int]]
 """Reads at a place in a payload; returns a value and the place behind it."""
-
-_CDR_START = 4
-"""Where in a payload the positions start from which CDR aligns, in bytes."""
 
 _WIDEST = 8
 _FIELDS = 10_000
@@ -271,7 +268,7 @@ class _Body:
             dtype = self._compiler.refer("dtype", np.dtype(self._compiler.wire.order + CODES[name]))
             self._line(f"{value} = numbers(data, {dtype}, {count}, at).tolist()")
         self._line(f"at += {count} * {size}")
-        self._forget(min(size, _CDR_START))
+        self._forget(min(size, CDR_HEAD_BYTES))
         return value
 
     # -- runs of numbers at places known beforehand --------------------------------------------------------------------
@@ -349,4 +346,4 @@ def _is_matrix(type_: Array) -> bool:
 
 def _aligned(size: int) -> str:
     """Return the expression for the next place that CDR aligns to `size` bytes."""
-    return f"(at + {size - 1 - _CDR_START % size} & -{size}) + {_CDR_START % size}"
+    return f"(at + {size - 1 - CDR_HEAD_BYTES % size} & -{size}) + {CDR_HEAD_BYTES % size}"

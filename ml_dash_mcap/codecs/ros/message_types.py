@@ -1,10 +1,12 @@
-"""What a ROS message is made of, whichever language said so."""
+"""What a ROS message is made of: the one model for definitions in every language, and for reading and writing."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
+
+import numpy as np
 
 STRING = "string"
 
@@ -22,6 +24,10 @@ CODES: Mapping[str, str] = {
     "float64": "d",
 }
 """Numbers, to the codes that the `struct` module has for them."""
+
+_DTYPES: Mapping[str, np.dtype[Any]] = {
+    name: np.dtype("u1" if code == "?" else f"<{code}") for name, code in CODES.items()
+}
 
 ROS1_ALIASES: Mapping[str, str] = {"byte": "int8", "char": "uint8"}
 ROS2_ALIASES: Mapping[str, str] = {"byte": "uint8", "char": "uint8"}
@@ -44,6 +50,16 @@ class Basic:
     """One of `CODES`, or `STRING`."""
     is_enum: bool = False
     """Whether the number is one of an enumeration, which XCDR2 tells apart in lists."""
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it is a text, in UTF-8."""
+        return self.name == STRING
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The bytes of the number, little-endian; those of a bool are a uint8."""
+        return _DTYPES[self.name]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +128,12 @@ def canonical(name: str) -> str:
     if len(parts) > 2 and parts[-2] in _SUBFOLDERS:
         del parts[-2]
     return "/".join(parts)
+
+
+def numbers_in(type_: Type) -> Basic | None:
+    """Return the numbers that a list directly holds; None for a list of anything else."""
+    item = type_.of if isinstance(type_, Array) else None
+    return item if isinstance(item, Basic) and not item.is_text else None
 
 
 def innermost_of(type_: Type) -> Type:

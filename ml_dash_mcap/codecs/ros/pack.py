@@ -1,7 +1,7 @@
 """Many messages at once to bytes, as columns: CDR, which ROS 2 speaks, or the serialisation of ROS 1.
 
 Where all messages have one size, they are the rows of a matrix of bytes into which whole columns are written;
-otherwise each message has a place of its own in one long array. The walk over the type is the same.
+otherwise each message has a place of its own in one long array. The packer over the type is the same.
 """
 
 from __future__ import annotations
@@ -11,27 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .message_columns import (
-    Array,
-    Column,
-    Constant,
-    Indices,
-    Number,
-    Ragged,
-    Sequence,
-    Struct,
-    Text,
-    Type,
-    pick,
-    spread,
-)
+from .message_columns import Column, Constant, Indices, Ragged, pick, ranges, spread
+from .message_types import Array, Basic, Definitions, Named, Type, numbers_in
+from .wire import CDR_HEAD
 
 Bytes = npt.NDArray[np.uint8]
 Places = Any
 """Bytes from a message's start: one number for all messages, or one each, [N]."""
-
-CDR_HEAD = b"\x00\x01\x00\x00"
-"""Little-endian plain CDR (https://www.omg.org/spec/DDSI-RTPS/2.2 section 10.2)."""
 
 _U32 = np.dtype("<u4")
 
@@ -71,30 +57,33 @@ class _Piece(NamedTuple):
     """The same bytes for all, or [N, size], or Ragged."""
 
 
-def pack(type_: Struct, column: Column, count: int, *, is_ros1: bool = False, room: int = 0) -> Packed:
+def pack(definitions: Definitions, column: Column, count: int, *, is_ros1: bool = False, room: int = 0) -> Packed:
     """Serialise messages.
 
     Args:
-        type_: Of the messages.
+        definitions: What the messages are made of.
         column: Their values.
         count: How many.
         is_ros1: Whether as ROS 1 does it, instead of CDR with its head.
         room: How many zero bytes to leave before each message.
     """
-    walk = _Walk(count, None, room, is_ros1)
+    packer = _Packer(definitions, count, None, room, is_ros1)
     if not is_ros1:
-        walk.same(CDR_HEAD)
-        walk.origin = walk.place
-    walk.put(type_, column)
-    if isinstance(walk.place, int):
-        return _matrix(walk.pieces, count, walk.place, room)
-    return _scattered(walk.pieces, walk.place, room)
+        packer.same(CDR_HEAD)
+        packer.origin = packer.place
+    packer.put(Named(definitions.root), column)
+    if isinstance(packer.place, int):
+        return _matrix(packer.pieces, count, packer.place, room)
+    return _scattered(packer.pieces, packer.place, room)
 
 
-class _Walk:
+class _Packer:
     """Goes through a type once and collects what to write where."""
 
-    def __init__(self, count: int, rows: Indices | None, place: Places, is_ros1: bool) -> None:
+    def __init__(
+        self, definitions: Definitions, count: int, rows: Indices | None, place: Places, is_ros1: bool
+    ) -> None:
+        self.definitions = definitions
         self.count = count
         self.rows = rows
         self.place: Places = place
@@ -107,37 +96,46 @@ class _Walk:
         if isinstance(column, Constant) and isinstance(self.place, int) and self.count > 1:
             self._put_same(type_, column)
             return
-        column = spread(column, type_, self.count)
-        if isinstance(type_, Struct):
-            for name, inner in type_.fields:
+        column = spread(self.definitions, type_, column, self.count)
+        if isinstance(type_, Named):
+            fields = self.definitions.messages[type_.name]
+            for name, inner in fields.items():
                 self.put(inner, column[name])
-        elif isinstance(type_, Number):
-            self._numbers(np.asarray(column).reshape(self.count, 1), type_.dtype)
-        elif isinstance(type_, Text):
-            self._text(column)
-        elif isinstance(type_, Array) and isinstance(type_.item, Number):
-            self._numbers(column, type_.item.dtype)
-        elif isinstance(type_.item, Number):
-            if isinstance(column, np.ndarray):
-                self._length(np.full(self.count, column.shape[1]))
-                self._numbers(column, type_.item.dtype)
-            else:
-                self._sequence(column, type_.item.dtype)
+            if not fields and not self.is_ros1 and self.definitions.has_placeholders:
+                self.same(b"\0")
+        elif isinstance(type_, Array):
+            self._array(type_, column)
         else:
-            self._items(type_, column)
+            assert isinstance(type_, Basic)
+            if type_.is_text:
+                self._text(column)
+            else:
+                self._numbers(np.asarray(column).reshape(self.count, 1), type_.dtype)
 
     def same(self, data: bytes) -> None:
         self._add(data, len(data))
 
     def _put_same(self, type_: Type, column: Constant) -> None:
         """Put what all messages have, by way of one message."""
-        one = _Walk(1, None, self.place, self.is_ros1)
+        one = _Packer(self.definitions, 1, None, self.place, self.is_ros1)
         one.origin = self.origin
         one.put(type_, column)
         assert isinstance(one.place, int)
         for _, place, data in one.pieces:
             self.pieces.append(_Piece(self.rows, place, data if isinstance(data, bytes) else data.tobytes()))
         self.place = one.place
+
+    def _array(self, type_: Array, column: Column) -> None:
+        numbers = numbers_in(type_)
+        if numbers is None:
+            self._items(type_, column)
+        elif type_.length is not None:
+            self._numbers(column, numbers.dtype)
+        elif isinstance(column, np.ndarray):
+            self._length(np.full(self.count, column.shape[1]))
+            self._numbers(column, numbers.dtype)
+        else:
+            self._sequence(column, numbers.dtype)
 
     def _numbers(self, values: npt.NDArray[Any], dtype: np.dtype[Any]) -> None:
         if not values.shape[1]:
@@ -167,21 +165,21 @@ class _Walk:
         size = dtype.itemsize
         self._ragged(Ragged(items, column.starts * size, column.lengths * size))
 
-    def _items(self, type_: Array | Sequence, column: Ragged) -> None:
+    def _items(self, type_: Array, column: Ragged) -> None:
         """Put items that are texts, messages or lists, the first of all messages, then the second, and so on."""
-        if isinstance(type_, Sequence):
+        if type_.length is None:
             self._length(column.lengths)
         for number in range(int(column.lengths.max(initial=0))):
             having = np.flatnonzero(column.lengths > number)
             item = pick(column.items, column.starts[having] + number)
             if len(having) == self.count:
-                self.put(type_.item, item)
+                self.put(type_.of, item)
                 continue
             places = np.broadcast_to(np.asarray(self.place), (self.count,)).astype(np.int64)
             rows = having if self.rows is None else self.rows[having]
-            inner = _Walk(len(having), rows, places[having], self.is_ros1)
+            inner = _Packer(self.definitions, len(having), rows, places[having], self.is_ros1)
             inner.origin = self.origin
-            inner.put(type_.item, item)
+            inner.put(type_.of, item)
             self.pieces += inner.pieces
             places[having] = inner.place
             self.place = places
@@ -266,15 +264,7 @@ def _scattered(pieces: list[_Piece], ends: Indices, room: int) -> Packed:
 def _copy(data: Ragged, whole: Bytes, places: Indices) -> None:
     """Write values of various lengths to their places."""
     if int(data.lengths.sum()) < _LARGE_BYTES * len(data.lengths):
-        whole[_ranges(places, data.lengths)] = data.items[_ranges(data.starts, data.lengths)]
+        whole[ranges(places, data.lengths)] = data.items[ranges(data.starts, data.lengths)]
         return
     for at, start, length in zip(places.tolist(), data.starts.tolist(), data.lengths.tolist(), strict=True):
         whole[at : at + length] = data.items[start : start + length]
-
-
-def _ranges(starts: Indices, lengths: Indices) -> Indices:
-    """Return all numbers of the ranges, one range behind the other."""
-    ends = np.cumsum(lengths)
-    total = int(ends[-1]) if len(ends) else 0
-    ranges: Indices = np.repeat(starts - ends + lengths, lengths) + np.arange(total)
-    return ranges

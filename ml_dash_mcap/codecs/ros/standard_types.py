@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from functools import cache
 from typing import Any, NamedTuple
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from ...errors import ConversionError, EncodingError
+from ...errors import EncodingError
 from . import distros
 from .distros import Likely
-from .message_columns import Struct, from_definitions
 
 _TF = "tf2_msgs/msg/TFMessage"
 _TF_OLD = "tf/msg/tfMessage"
@@ -36,22 +34,6 @@ def store(*, is_ros1: bool = False) -> Typestore:
     for name in (_TF, _TF_OLD) if is_ros1 else ():  # which rosbags lacks
         found.register(get_types_from_msg(_TF_TEXT, name))
     return found
-
-
-def struct(name: str, *, is_ros1: bool = False) -> Struct:
-    """Return the type of a standard message.
-
-    Raises:
-        ConversionError: ROS has no such message.
-    """
-    found = store(is_ros1=is_ros1)
-    if name not in found.fielddefs:
-        raise ConversionError(f"{name!r} is no standard message of ROS")
-
-    def fields(inner: str) -> Iterator[tuple[str, Any]]:
-        return iter(found.fielddefs[inner][1])
-
-    return from_definitions(fields, name)
 
 
 @cache

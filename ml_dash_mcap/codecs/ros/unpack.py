@@ -1,4 +1,8 @@
-"""Many messages at once from bytes to columns: what `pack` writes, and whatever else is little-endian CDR or ROS 1."""
+"""Many messages at once from bytes to columns, in ROS 1's format and in plain CDR.
+
+The walk goes through a definition once and takes each field of all messages with a few calls of numpy. A row at a time
+is the work of `message_reader`, which is faster for few messages and reads what is refused here.
+"""
 
 from __future__ import annotations
 
@@ -7,141 +11,247 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .message_columns import Array, Column, Indices, Number, Ragged, Struct, Text, Type, pick
-from .pack import CDR_HEAD
+from .fixed_layout import FixedLayouts
+from .message_columns import Column, Indices, Ragged, count, pick
+from .message_types import PLACEHOLDER, Array, Basic, Definitions, Named, Type, numbers_in
+from .wire import BY_HEAD, CDR_HEAD_BYTES, CDR_PADDING, ROS1, Wire
 
-_U32 = np.dtype("<u4")
-_MOST_ITEMS = 1_000_000
-"""Of texts or messages in a list."""
+_STEPS, _BYTES_A_STEP = 2000, 100
+"""A step is a type that is read of all messages, or of those whose list has another item: some calls of numpy. More of
+them than so many, and one for so many bytes, are refused: a long list in few messages is faster to read row by row."""
 
 
-def unpack(type_: Struct, messages: list[bytes], *, is_ros1: bool = False) -> Column:
-    """Return the values of messages, as columns.
+def unpack(definitions: Definitions, messages: list[bytes], *, is_ros1: bool = False) -> dict[str, Column]:
+    """Return the values of messages, as columns by field.
 
     Args:
-        type_: Of the messages.
+        definitions: What the messages are made of.
         messages: One or more.
-        is_ros1: Whether they are as ROS 1 has them, instead of CDR with its head.
+        is_ros1: Whether they are in ROS 1's format, instead of CDR with its head.
 
     Raises:
-        ValueError: The bytes are not messages of this type; or CDR of another kind than little-endian.
+        ValueError: The bytes are not messages of this definition; or they are in another CDR than plain CDR of one byte
+            order, or have what is not read by columns.
     """
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
     data = np.frombuffer(b"".join(messages), np.uint8)
-    starts = np.cumsum(sizes) - sizes
-    walk = _Walk(data, starts, sizes, is_ros1)
-    if not is_ros1:
-        head = walk.take(len(CDR_HEAD))
-        if not bool((head[:, :2] == np.frombuffer(CDR_HEAD[:2], np.uint8)).all()):
-            raise ValueError("a message is not in little-endian CDR")
-        walk.origin = walk.place
-    column = walk.read(type_)
-    left = sizes - walk.place
-    if bool((left > (0 if is_ros1 else 3)).any()):  # CDR may be padded to a multiple of 4
+    wire = ROS1 if is_ros1 else _wire_of(messages)
+    start = 0 if is_ros1 else CDR_HEAD_BYTES
+    steps = _STEPS + len(data) // _BYTES_A_STEP
+    unpacker = _Unpacker(FixedLayouts(definitions, wire), data, np.cumsum(sizes) - sizes, sizes, steps)
+    unpacker.place = unpacker.origin = start
+    if bool((sizes == sizes[0]).all()):
+        unpacker.matrix = data.reshape(len(sizes), int(sizes[0]))
+    columns = unpacker.read(Named(definitions.root))
+    left = sizes - unpacker.place
+    if bool((left > (0 if is_ros1 else CDR_PADDING)).any()) or bool((left < 0).any()):
         raise ValueError(f"a message has {int(left.max())} bytes more than its type")
-    return column
+    assert isinstance(columns, dict)
+    return columns
 
 
-class _Walk:
-    """Goes through a type once and takes each field of all messages."""
+def _wire_of(messages: list[bytes]) -> Wire:
+    """Return the format that all messages announce.
 
-    def __init__(self, data: npt.NDArray[np.uint8], starts: Indices, sizes: Indices, is_ros1: bool) -> None:
+    Raises:
+        ValueError: They do not announce one and the same plain CDR.
+    """
+    heads = {message[:2] for message in messages}
+    wire = BY_HEAD.get(heads.pop()) if len(heads) == 1 else None
+    if wire is None or wire.is_version_2:
+        raise ValueError("the messages are not all in plain CDR of one byte order")
+    return wire
+
+
+class _Unpacker:
+    """Goes through a definition once and takes each field of all messages."""
+
+    def __init__(
+        self, layouts: FixedLayouts, data: npt.NDArray[np.uint8], starts: Indices, sizes: Indices, steps_left: int
+    ) -> None:
         self.data = data
         self.starts = starts
         self.sizes = sizes
-        self.is_ros1 = is_ros1
         self.place: Any = 0
         """Bytes from a message's start: one number for all messages, or one each, [N]."""
         self.origin: Any = 0
-        size = int(sizes[0])
-        is_uniform = len(data) == size * len(sizes) and bool((sizes == size).all())
-        self._matrix = data.reshape(len(sizes), size) if is_uniform else None
+        """Where alignment counts from."""
+        self.steps_left = steps_left
+        self.matrix: npt.NDArray[np.uint8] | None = None
+        """The messages, [N, size], if all have one size."""
+        self._layouts = layouts
+        self._definitions, self._wire = layouts.definitions, layouts.wire
 
     def read(self, type_: Type) -> Column:
-        if isinstance(type_, Struct):
-            return {name: self.read(inner) for name, inner in type_.fields}
-        if isinstance(type_, Number):
-            return self._numbers(type_.dtype, 1).reshape(-1)
-        if isinstance(type_, Text):
-            return self._text()
+        """Take the next value of each message."""
+        self.steps_left -= 1
+        if self.steps_left < 0:
+            raise ValueError("the messages have lists in lists that are long")
+        if isinstance(type_, Named):
+            return self._message(type_.name)
         if isinstance(type_, Array):
-            if isinstance(type_.item, Number):
-                return self._numbers(type_.item.dtype, type_.count)
-            return self._items(type_.item, np.full(len(self.starts), type_.count, np.int64))
-        lengths = self._lengths()
-        if isinstance(type_.item, Number):
-            return self._sequence(type_.item.dtype, lengths)
-        return self._items(type_.item, lengths)
+            return self._array(type_)
+        if not isinstance(type_, Basic):
+            raise ValueError(f"values that are {type(type_).__name__} are not read by columns")
+        return self._text() if type_.is_text else self._numbers(type_.dtype, 1).reshape(-1)
 
-    def take(self, size: int) -> npt.NDArray[np.uint8]:
+    def _message(self, name: str) -> dict[str, Column]:
+        fields = self._definitions.messages[name]
+        columns = {key: self.read(inner) for key, inner in fields.items()}
+        if not fields and self._wire.is_cdr and self._definitions.has_placeholders:
+            self._take(1)
+        columns.pop(PLACEHOLDER, None)
+        return columns
+
+    def _array(self, type_: Array) -> Column:
+        numbers = numbers_in(type_)
+        if (type_.length or 0) > len(self.data):
+            raise ValueError("a message ends before its array")
+        if type_.length is None:
+            lengths = self._lengths()
+            return self._items(type_.of, lengths) if numbers is None else self._sequence(numbers.dtype, lengths)
+        if numbers is not None:
+            return self._numbers(numbers.dtype, type_.length)
+        return self._items(type_.of, np.full(len(self.starts), type_.length, np.int64))
+
+    # -- numbers and texts ---------------------------------------------------------------------------------------------
+
+    def _take(self, size: int) -> npt.NDArray[np.uint8]:
         """Return the next bytes of each message, [N, size]."""
         self._check(size)
         place = self.place
         self.place = place + size
-        if self._matrix is not None and isinstance(place, int):
-            return self._matrix[:, place : place + size]
-        found: npt.NDArray[np.uint8] = self.data[(self.starts + place)[:, None] + np.arange(size)]
-        return found
+        if self.matrix is not None and isinstance(place, int):
+            return self.matrix[:, place : place + size]
+        return _gathered(self.data, self.starts + place, size)
 
-    def _numbers(self, dtype: np.dtype[Any], count: int) -> npt.NDArray[Any]:
-        if not count:
+    def _numbers(self, dtype: np.dtype[Any], length: int) -> npt.NDArray[Any]:
+        if not length:
             return np.zeros((len(self.starts), 0), dtype)
         self._align(dtype.itemsize)
-        return np.ascontiguousarray(self.take(dtype.itemsize * count)).view(dtype)
+        taken = np.ascontiguousarray(self._take(dtype.itemsize * length))
+        return _native(taken.view(dtype.newbyteorder(self._wire.order)), dtype)
 
     def _lengths(self) -> Indices:
         return self._numbers(_U32, 1).reshape(-1).astype(np.int64)
 
     def _text(self) -> Ragged:
-        said = self._lengths()
-        lengths = said if self.is_ros1 else np.maximum(said - 1, 0)
-        found = Ragged(self.data, self.starts + self.place, lengths)
-        self._skip(said)
-        return found
+        sizes = self._lengths()
+        starts = self.starts + self.place
+        self._skip(sizes)
+        if not self._wire.is_cdr:
+            return Ragged(self.data, starts, sizes)
+        ends = (starts + sizes)[sizes > 0]  # some send an empty text as no bytes
+        if bool(self.data[ends - 1].any()):
+            raise ValueError("a text does not end with a zero")
+        return Ragged(self.data, starts, np.maximum(sizes - 1, 0))
 
     def _sequence(self, dtype: np.dtype[Any], lengths: Indices) -> Ragged:
         size = dtype.itemsize
         before = self.place
         self._align(size)
-        if not lengths.all():
+        if not lengths.all() and self._wire.is_cdr:  # an empty list has no padding
             self.place = np.where(lengths > 0, self.place, before)
+        starts = self.starts + self.place
         self._check(lengths * size)
-        at = self.starts + self.place
-        self._skip(lengths * size)
         if size == 1:
-            return Ragged(self.data, at, lengths)
-        which = np.repeat(at - (np.cumsum(lengths) - lengths) * size, lengths) + np.arange(int(lengths.sum())) * size
-        items = np.ascontiguousarray(self.data[which[:, None] + np.arange(size)]).view(dtype).reshape(-1)
-        return Ragged.behind_each_other(items, lengths)
+            self._skip(lengths)
+            return Ragged(self.data, starts, lengths)
+        total = int(lengths.sum())
+        firsts = np.cumsum(lengths) - lengths
+        if total and bool((lengths == lengths[0]).all()):
+            return Ragged(self._numbers(dtype, int(lengths[0])).reshape(-1), firsts, lengths)
+        self._skip(lengths * size)
+        positions = np.repeat(starts - firsts * size, lengths) + np.arange(total) * size
+        items = _gathered(self.data, positions, size).view(dtype.newbyteorder(self._wire.order)).reshape(-1)
+        return Ragged(_native(items, dtype), firsts, lengths)
+
+    # -- texts, messages and lists in lists ----------------------------------------------------------------------------
 
     def _items(self, type_: Type, lengths: Indices) -> Ragged:
-        """Read items that are texts, messages or lists, the first of all messages, then the second, and so on."""
-        total = int(lengths.sum())
-        if int(lengths.max(initial=0)) > _MOST_ITEMS or bool((lengths > self.sizes).any()):
-            raise ValueError(f"a message says that it has a list of {int(lengths.max())} items")
+        least = self._layouts.least(type_)
+        if not least:
+            raise ValueError("lists of values that take no bytes are not read by columns")
+        self._check(lengths * least)
+        if not lengths.any():
+            return Ragged.behind_each_other(self._nothing(type_), lengths)
+        return (
+            self._items_at_once(type_, lengths)
+            if self._layouts.is_fixed(type_)
+            else self._items_in_turn(type_, lengths)
+        )
+
+    def _items_at_once(self, type_: Type, lengths: Indices) -> Ragged:
+        """Read items whose places follow from the place of the first: those of all messages at once."""
+        firsts = np.cumsum(lengths) - lengths
+        places = np.broadcast_to(np.asarray(self.place), lengths.shape)
+        number = np.arange(int(lengths.sum())) - np.repeat(firsts, lengths)
+        residues = (places - self.origin) % self._wire.alignment
+        offsets = np.empty(len(number), np.int64)
+        ends = np.empty(len(lengths), np.int64)
+        for residue in np.unique(residues).tolist():
+            mine = residues == residue
+            steps = self._layouts.offsets(type_, residue, int(lengths[mine].max()))
+            ends[mine] = steps[lengths[mine]]
+            chosen = np.repeat(mine, lengths)
+            offsets[chosen] = steps[number[chosen]]
+        item_places = np.repeat(places, lengths) + offsets
+        self._skip(ends)
+        inner = self._inner(np.repeat(self.starts, lengths), np.repeat(self.sizes, lengths), item_places)
+        items = inner.read(type_)
+        self.steps_left = inner.steps_left
+        return Ragged(items, firsts, lengths)
+
+    def _items_in_turn(self, type_: Type, lengths: Indices) -> Ragged:
+        """Read items of various sizes: the first of all messages, then the second, and so on."""
         firsts = np.cumsum(lengths) - lengths
         parts: list[Column] = []
         numbers: list[Indices] = []
-        for number in range(int(lengths.max(initial=0))):
+        for number in range(int(lengths.max())):
             having = np.flatnonzero(lengths > number)
             numbers.append(firsts[having] + number)
             if len(having) == len(lengths):
                 parts.append(self.read(type_))
                 continue
-            places = np.broadcast_to(np.asarray(self.place), (len(lengths),)).astype(np.int64)
-            inner = _Walk(self.data, self.starts[having], self.sizes[having], self.is_ros1)
-            inner.place, inner.origin = places[having], self.origin
+            places = np.broadcast_to(np.asarray(self.place), lengths.shape).astype(np.int64)
+            inner = self._inner(self.starts[having], self.sizes[having], places[having])
             parts.append(inner.read(type_))
+            self.steps_left = inner.steps_left
             places[having] = inner.place
             self.place = places
-        if not parts:
-            return Ragged.behind_each_other(_nothing(type_), lengths)
-        order = np.empty(total, np.int64)
-        order[np.concatenate(numbers)] = np.arange(total)
+        order = np.empty(int(lengths.sum()), np.int64)
+        order[np.concatenate(numbers)] = np.arange(len(order))
         return Ragged.behind_each_other(pick(_join(parts), order), lengths)
 
+    def _inner(self, starts: Indices, sizes: Indices, places: Indices) -> _Unpacker:
+        """Return what reads on at places in some of the messages."""
+        inner = _Unpacker(self._layouts, self.data, starts, sizes, self.steps_left)
+        inner.place, inner.origin = places, self.origin
+        return inner
+
+    def _nothing(self, type_: Type) -> Column:
+        """Return a column of no values."""
+        self.steps_left -= 1
+        if self.steps_left < 0:
+            raise ValueError("it is made of too many messages in lists")
+        if isinstance(type_, Named):
+            fields = self._definitions.messages[type_.name]
+            return {name: self._nothing(inner) for name, inner in fields.items() if name != PLACEHOLDER}
+        empty = np.empty(0, np.int64)
+        if isinstance(type_, Array):
+            numbers = numbers_in(type_)
+            if numbers is not None and type_.length is not None:
+                return np.empty((0, type_.length), numbers.dtype)
+            return Ragged(self._nothing(type_.of), empty, empty)
+        if not isinstance(type_, Basic):
+            raise ValueError(f"values that are {type(type_).__name__} are not read by columns")
+        return Ragged(np.empty(0, np.uint8), empty, empty) if type_.is_text else np.empty(0, type_.dtype)
+
+    # -- places --------------------------------------------------------------------------------------------------------
+
     def _align(self, size: int) -> None:
-        if not self.is_ros1 and size > 1:
+        size = min(size, self._wire.alignment)
+        if size > 1:
             self.place = ((self.place - self.origin + size - 1) & -size) + self.origin
 
     def _skip(self, sizes: Indices) -> None:
@@ -154,6 +264,23 @@ class _Walk:
             raise ValueError("a message ends before its last field")
 
 
+_U32 = np.dtype("<u4")
+
+
+def _gathered(data: npt.NDArray[np.uint8], positions: Indices, size: int) -> npt.NDArray[np.uint8]:
+    """Return `size` bytes at each position, [N, size]."""
+    if not len(positions):
+        return np.empty((0, size), np.uint8)
+    # Windows that overlap: one index a value, which is several times faster than one a byte.
+    windows: npt.NDArray[Any] = np.ndarray((len(data) - size + 1,), np.dtype((np.void, size)), data, 0, (1,))
+    values: npt.NDArray[np.uint8] = windows[positions].view(np.uint8).reshape(len(positions), size)
+    return values
+
+
+def _native(values: npt.NDArray[Any], dtype: np.dtype[Any]) -> npt.NDArray[Any]:
+    return values if values.dtype == dtype else values.astype(dtype)
+
+
 def _join(parts: list[Column]) -> Column:
     """Put columns of one type behind each other."""
     first = parts[0]
@@ -164,25 +291,6 @@ def _join(parts: list[Column]) -> Column:
     lengths = np.concatenate([part.lengths for part in parts])
     if all(part.items is first.items for part in parts):
         return Ragged(first.items, np.concatenate([part.starts for part in parts]), lengths)
-    offsets = np.cumsum([0, *(_count(part.items) for part in parts)])
+    offsets = np.cumsum([0, *(count(part.items) for part in parts)])
     starts = np.concatenate([part.starts + offset for part, offset in zip(parts, offsets[:-1], strict=True)])
     return Ragged(_join([part.items for part in parts]), starts, lengths)
-
-
-def _count(column: Column) -> int:
-    if isinstance(column, dict):
-        return _count(next(iter(column.values())))
-    return len(column.lengths) if isinstance(column, Ragged) else len(column)
-
-
-def _nothing(type_: Type) -> Column:
-    """Return a column of no values."""
-    if isinstance(type_, Struct):
-        return {name: _nothing(inner) for name, inner in type_.fields}
-    if isinstance(type_, Number):
-        return np.empty(0, type_.dtype)
-    if isinstance(type_, Array) and isinstance(type_.item, Number):
-        return np.empty((0, type_.count), type_.item.dtype)
-    empty = np.empty(0, np.int64)
-    inner = np.empty(0, np.uint8) if isinstance(type_, Text) else _nothing(type_.item)
-    return Ragged(inner, empty, empty)

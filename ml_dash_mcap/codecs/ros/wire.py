@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 
 @dataclass(frozen=True, slots=True)
 class Wire:
     """A serialization format."""
 
-    order: str
+    order: Literal["<", ">"]
     """Of the bytes of a number: "<" for little-endian, ">" for big-endian."""
     alignment: int
     """Numbers lie at multiples of their size, or of so many bytes if they are larger. Nothing is aligned to 1."""
@@ -29,6 +30,14 @@ ROS1 = Wire("<", 1)
 
 CDR = Wire("<", 8)
 """What ROS 2 sends (https://www.omg.org/spec/DDSI-RTPS/2.5, section 10.2)."""
+
+CDR_HEAD = b"\0\1\0\0"
+"""What a payload in CDR begins with (section 10.2 too), here for what ROS 2 sends; alignment counts from behind it."""
+
+CDR_HEAD_BYTES = len(CDR_HEAD)
+
+CDR_PADDING = 3
+"""Bytes that may follow a CDR message, so that its length is a multiple of 4."""
 
 _CDR_BIG = Wire(">", 8)
 _CDR2, _CDR2_BIG = Wire("<", 4, is_version_2=True), Wire(">", 4, is_version_2=True)

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ...codecs.ros import standard_types
-from ...codecs.ros.message_columns import Struct
+from ...codecs.ros import definitions, standard_types
+from ...codecs.ros.message_types import Definitions
 from ...errors import ConversionError, ConversionWarning, OptionError
 from ...file_names import MESSAGE, TRACK
 from ...mcap.message import Connection
@@ -82,8 +82,8 @@ class Outlet:
     text: str
     """The type's definition, followed by those of the messages in it."""
     digest: str
-    struct: Struct = field(repr=False)
-    """How its messages are serialised; without fields for those that are carried."""
+    definitions: Definitions = field(default=Definitions("", {}), repr=False)
+    """How its messages are serialised; empty for those that are carried."""
     carried: Connection | None = field(default=None, repr=False)
     """What a topic is whose messages are carried as they are."""
 
@@ -171,8 +171,7 @@ class Planner:
             type_ = f"{settings.package}/msg/{message.name}"
             text = lossless_definitions.embedded(message, settings.package, is_ros1=settings.is_ros1)
             digest = standard_types.digest(type_, text, is_ros1=settings.is_ros1)
-            struct = lossless.struct(message, settings.package, is_ros1=settings.is_ros1)
-            own = self._outlet(called, type_, text, digest, struct)
+            own = self._outlet(called, type_, text, digest)
         derived = [(one, self._standard(one)) for one in wanted]
         if own is None and not derived and form.count:
             self.warn(f"topic {topic!r}: no standard message says what its fields hold; profile='std' leaves it out")
@@ -266,11 +265,11 @@ class Planner:
             if other.topic == one.topic:
                 return other
         text, digest = standard_types.definition(one.type, is_ros1=self._settings.is_ros1)
-        struct = standard_types.struct(one.type, is_ros1=self._settings.is_ros1)
-        return self._outlet(one.topic, one.type, text, digest, struct)
+        return self._outlet(one.topic, one.type, text, digest)
 
-    def _outlet(self, topic: str, type_: str, text: str, digest: str, struct: Struct) -> Outlet:
-        outlet = Outlet(len(self._others) + len(self.outlets) + 1, topic, type_, text, digest, struct)
+    def _outlet(self, topic: str, type_: str, text: str, digest: str) -> Outlet:
+        described = definitions.parse(type_, text, is_ros1=self._settings.is_ros1)
+        outlet = Outlet(len(self._others) + len(self.outlets) + 1, topic, type_, text, digest, described)
         self.outlets.append(outlet)
         return outlet
 

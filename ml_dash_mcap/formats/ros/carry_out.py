@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ... import clock
-from ...codecs.ros.message_columns import Struct
 from ...errors import ConversionError, ConversionWarning
 from ...file_names import ABOUT_RECORD, BAG_RECORD
 from ...mcap.message import CHUNK_BYTES, Connection, MessageBlock, Payload
@@ -24,8 +23,6 @@ from .bag_metadata import OFFERED, is_latched, joined
 from .bag_plan import Outlet
 
 _METADATA = "metadata.yaml"
-
-_NOT_SERIALISED = Struct("", ())
 
 Convert = Callable[[Payload], Payload]
 
@@ -175,7 +172,7 @@ class Carried:
         digest = metadata.get("md5sum" if self._is_ros1 else "topic_type_hash")
         if digest is None:
             digest = "" if self._is_ros1 else self._origin.digests.get(channel.topic, "")
-        self.outlets.append(Outlet(number, channel.topic, channel.type, channel.text, digest, _NOT_SERIALISED, channel))
+        self.outlets.append(Outlet(number, channel.topic, channel.type, channel.text, digest, carried=channel))
         return number
 
     def _translated(self, channel: Connection, number: int) -> Connection:

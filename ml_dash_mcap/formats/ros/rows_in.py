@@ -22,7 +22,7 @@ from ...suggestions import not_found
 from ...topic import MessageTopic
 from .bag_contents import Bag, Batch
 from .bag_types import Types
-from .messages import lossless, lossless_definitions, restore
+from .messages import lossless_definitions, restore
 from .messages.lossless import Message
 
 Row = dict[str, Any]
@@ -155,11 +155,11 @@ class Intake:
         if said.get("kind", TRACK) != TRACK:
             return self._own_messages(channel, message, self._recorder._open(name, MESSAGE, MessageTopic, **about))
         topic = self._recorder.topic(name, **about)
-        type_ = lossless.struct(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
+        definitions = lossless_definitions.describe(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
 
         def add(batch: Batch) -> None:
             with self._named(batch):
-                column = unpack(type_, batch.payloads, is_ros1=channel.is_ros1)
+                column = unpack(definitions, batch.payloads, is_ros1=channel.is_ros1)
                 plain = restore.plain(message, column)
                 if plain is None:
                     topic.append_batch(restore.rows(message, column))
@@ -170,11 +170,11 @@ class Intake:
 
     def _own_messages(self, channel: Connection, message: Message, topic: MessageTopic) -> Callable[[Batch], None]:
         """Return what takes messages that were no rows of a track in the recording: each stays one, at its time."""
-        type_ = lossless.struct(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
+        definitions = lossless_definitions.describe(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
 
         def add(batch: Batch) -> None:
             with self._named(batch):
-                rows = restore.rows(message, unpack(type_, batch.payloads, is_ros1=channel.is_ros1))
+                rows = restore.rows(message, unpack(definitions, batch.payloads, is_ros1=channel.is_ros1))
                 pairs = zip(rows, batch.times_ns, strict=True)
                 times_ns = [_unshifted(row[TIME_KEY], time_ns) for row, time_ns in pairs]
             topic.append_at(rows, times_ns)

@@ -220,17 +220,17 @@ class Outgoing:
         else:
             column = fill(plan.message, part)
         frame = _frame(self._planner.metadata[plan.topic].get("frame_id"), settings.frame_id)
-        header = _header(stamps, frame, before)
+        header = _header(stamps, frame, before, is_ros1=settings.is_ros1)
         sent = []
         if plan.own is not None:
             whole = {"header": header, "ts": times, **column}
-            packed = pack(plan.own.struct, whole, count, is_ros1=settings.is_ros1, room=settings.room)
+            packed = pack(plan.own.definitions, whole, count, is_ros1=settings.is_ros1, room=settings.room)
             sent.append(Sent(plan.own, stamps, packed))
         for derived, outlet in plan.derived:
             rows = messages.present(plan.message, column, derived, count)
             rows, built = self._built(plan, derived, column, rows, times, header, before)
             if len(rows):
-                packed = pack(outlet.struct, built, len(rows), is_ros1=settings.is_ros1, room=settings.room)
+                packed = pack(outlet.definitions, built, len(rows), is_ros1=settings.is_ros1, room=settings.room)
                 sent.append(Sent(outlet, stamps[rows], packed))
         return sent
 
@@ -321,11 +321,12 @@ def _cut(part: Part, last: float) -> tuple[Part, Part | None]:
     return part.slice(0, count), part.slice(count, part.count - count)
 
 
-def _header(stamps: npt.NDArray[np.uint64], frame: str, before: int) -> dict[str, Any]:
-    sec, nanosec = np.divmod(stamps, np.uint64(clock.NS_PER_S))
+def _header(stamps: npt.NDArray[np.uint64], frame: str, before: int, *, is_ros1: bool) -> dict[str, Any]:
+    seconds, nanoseconds = np.divmod(stamps, np.uint64(clock.NS_PER_S))
+    names = ("secs", "nsecs") if is_ros1 else ("sec", "nanosec")
     return {
         "seq": np.arange(before, before + len(stamps), dtype=np.int64).astype(np.uint32),
-        "stamp": {"sec": sec.astype(np.int32), "nanosec": nanosec.astype(np.uint32)},
+        "stamp": dict(zip(names, (seconds.astype(np.int32), nanoseconds.astype(np.uint32)), strict=True)),
         "frame_id": Constant(frame),
     }
 

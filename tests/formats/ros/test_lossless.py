@@ -33,15 +33,17 @@ def designed(rows: list[Row], *, is_json: bool = False) -> Message:
 
 
 def to_bytes(message: Message, rows: list[Row], *, is_ros1: bool = False, room: int = 0) -> list[bytes]:
-    header: dict[str, Any] = {"stamp": {"sec": Constant(1), "nanosec": Constant(2)}, "frame_id": Constant("base")}
+    stamp = {"secs": Constant(1), "nsecs": Constant(2)} if is_ros1 else {"sec": Constant(1), "nanosec": Constant(2)}
+    header: dict[str, Any] = {"stamp": stamp, "frame_id": Constant("base")}
     times = np.array([row["_ts"] for row in rows])
     column = {"header": {"seq": Constant(0), **header}, "ts": times, **fill(message, rows)}
-    type_ = lossless.struct(message, PACKAGE, is_ros1=is_ros1)
-    return pack(type_, column, len(rows), is_ros1=is_ros1, room=room).messages(room)
+    definitions = lossless_definitions.describe(message, PACKAGE, is_ros1=is_ros1)
+    return pack(definitions, column, len(rows), is_ros1=is_ros1, room=room).messages(room)
 
 
 def to_rows(message: Message, messages: list[bytes], *, is_ros1: bool = False) -> list[Row]:
-    return restore.rows(message, unpack(lossless.struct(message, PACKAGE, is_ros1=is_ros1), messages, is_ros1=is_ros1))
+    definitions = lossless_definitions.describe(message, PACKAGE, is_ros1=is_ros1)
+    return restore.rows(message, unpack(definitions, messages, is_ros1=is_ros1))
 
 
 @given(tables(), st.sampled_from([ROS1, ROS2]), st.booleans())

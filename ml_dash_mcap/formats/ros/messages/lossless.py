@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from ....codecs.ros.message_columns import Array, Number, Sequence, Struct, Text, Type
 from ....rows import packed
 from ....rows.encode import TIME_KEY
 from .. import ros_names
@@ -33,17 +32,11 @@ STATE = "field_state"
 ROW_KEY = TIME_KEY
 """The key of a field that holds a whole row as JSON; no field of a row has it."""
 
-TIME = Struct("builtin_interfaces/msg/Time", (("sec", Number("int32")), ("nanosec", Number("uint32"))))
-HEADER = Struct("std_msgs/msg/Header", (("stamp", TIME), ("frame_id", Text())))
-HEADER_ROS1 = Struct("std_msgs/msg/Header", (("seq", Number("uint32")), ("stamp", TIME), ("frame_id", Text())))
-
 _MOST_FIELDS = 250
 _DEEPEST = 8
 _NUMBERS: Mapping[type, str] = {bool: "bool", float: "float64"}
 _ARRAYS = {"bool", "float32", "float64", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 """The types of numpy that ROS has; arrays of others are JSON."""
-
-_TYPES: Mapping[str, Type] = {"string": Text(), "json": Text(), "bytes": Sequence(Number("uint8"))}
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,30 +188,6 @@ def _nested(form: Form, key: str, owner: str, taken: set[str], depth: int) -> Me
     taken.add(name)
     fields, is_stated = _fields(form, name, taken, depth + 1)
     return Message(name, fields, is_stated, is_row=False)
-
-
-def struct(message: Message, package: str, *, is_ros1: bool = False) -> Struct:
-    """Return the type of a message."""
-    fields: list[tuple[str, Type]] = []
-    if message.is_row:
-        fields += [("header", HEADER_ROS1 if is_ros1 else HEADER), ("ts", Number("float64"))]
-    if message.is_stated:
-        fields.append((STATE, Array(Number("uint8"), len(message.fields))))
-    for one in message.fields:
-        type_ = _TYPES.get(one.kind)
-        if type_ is None:
-            type_ = Number(one.kind) if one.message is None else struct(one.message, package, is_ros1=is_ros1)
-        fields.append((one.name, shaped(type_, one.shape)))
-        if one.integers is not None:
-            fields.append((one.integers, shaped(Number("uint8"), one.shape)))
-    return Struct(f"{package}/msg/{message.name}", tuple(fields))
-
-
-def shaped(type_: Type, shape: tuple[int, ...] | None) -> Type:
-    """Return the type of a field of a shape."""
-    if shape is None:
-        return Sequence(type_)
-    return Array(type_, size(shape)) if shape else type_
 
 
 def size(shape: tuple[int, ...]) -> int:

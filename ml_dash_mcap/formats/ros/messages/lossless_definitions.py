@@ -10,6 +10,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from ....codecs.ros import definitions
+from ....codecs.ros.message_types import Definitions
+from ....errors import EncodingError
 from .lossless import STATE, Field, Message, size
 
 MARK = "# ml_dash "
@@ -55,6 +58,16 @@ def embedded(message: Message, package: str, *, is_ros1: bool = False) -> str:
     return f"{SEPARATOR}\n".join(sections)
 
 
+def describe(message: Message, package: str, *, is_ros1: bool = False) -> Definitions:
+    """Return what a message is made of, as its definition says it.
+
+    Raises:
+        EncodingError: A name in it is none that a definition can have.
+    """
+    text = embedded(message, package, is_ros1=is_ros1)
+    return definitions.parse(f"{package}/msg/{message.name}", text, is_ros1=is_ros1)
+
+
 def parse(name: str, definition: str) -> Message | None:
     """Return the message that a definition describes, as `embedded` writes it; None if it is not one of ours.
 
@@ -76,8 +89,10 @@ def parse(name: str, definition: str) -> Message | None:
             if isinstance(found, dict) and isinstance(found.get("fields"), dict):
                 described[current] = found
     try:
-        return _message(name.rpartition("/")[2], described, is_row=True)
-    except (KeyError, ValueError, TypeError, AttributeError, RecursionError):
+        message = _message(name.rpartition("/")[2], described, is_row=True)
+        describe(message, "package")
+        return message
+    except (EncodingError, KeyError, ValueError, TypeError, AttributeError, RecursionError):
         return None
 
 

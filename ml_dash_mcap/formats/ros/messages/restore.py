@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ....codecs.ros.message_columns import Column, Ragged
+from ....codecs.ros.message_columns import Column, Ragged, count
 from ....rows import packed
 from ....rows.encode import TIME_KEY
 from ....rows.json_text import loads_any, restore
@@ -45,10 +45,10 @@ def plain(message: Message, column: dict[str, Column]) -> dict[str, Any] | None:
     return arrays
 
 
-def _dicts(message: Message, column: dict[str, Column], count: int) -> list[Row]:
+def _dicts(message: Message, column: dict[str, Column], number_of_rows: int) -> list[Row]:
     if len(message.fields) == 1 and message.fields[0].key == ROW_KEY:
         return [_row(value) for value in _values(message.fields[0], column)]
-    found: list[Row] = [{} for _ in range(count)]
+    found: list[Row] = [{} for _ in range(number_of_rows)]
     for number, one in enumerate(message.fields):
         values = _values(one, column)
         if not message.is_stated:
@@ -79,7 +79,7 @@ def _values(one: Field, column: dict[str, Column]) -> list[Any]:
     if one.shape is None:
         return _lists(one, values, column)
     if one.message is not None:
-        return _dicts(one.message, values, _count(values))
+        return _dicts(one.message, values, count(values))
     array = values.astype(np.bool_) if one.kind == "bool" else values
     if one.is_array:
         return [each.copy() for each in array.reshape(-1, *(one.shape or ()))]
@@ -92,7 +92,7 @@ def _values(one: Field, column: dict[str, Column]) -> list[Any]:
 
 def _lists(one: Field, values: Ragged, column: dict[str, Column]) -> list[Any]:
     if one.message is not None:
-        flat: list[Any] = _dicts(one.message, values.items, _count(values.items))
+        flat: list[Any] = _dicts(one.message, values.items, count(values.items))
     elif one.kind == "string":
         flat = _blobs(one.kind, values.items)
     else:
@@ -127,9 +127,3 @@ def _blobs(kind: str, values: Ragged) -> list[Any]:
 def _from_json(text: bytes) -> Any:
     value = loads_any(text)
     return restore(value)[VALUE_KEY] if isinstance(value, dict) and VALUE_KEY in value else value
-
-
-def _count(column: Column) -> int:
-    if isinstance(column, dict):
-        return _count(next(iter(column.values())))
-    return len(column.lengths) if isinstance(column, Ragged) else len(column)

@@ -1,0 +1,130 @@
+"""Messages that are read as columns say what the same messages say as rows, in the same types of Arrow."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ml_dash_mcap.codecs.ros import arrow_columns
+from ml_dash_mcap.codecs.ros.message_decoder import decoder, definition
+from ml_dash_mcap.codecs.ros.message_types import Definitions
+from ml_dash_mcap.rows.dotted import flatten
+from ml_dash_mcap.rows.table import Block, block_of
+from tests.support import ros_messages
+
+MANY = settings(max_examples=60, deadline=None)
+
+
+@st.composite
+def cases(draw: st.DrawFn, least: int = 1) -> tuple[ros_messages.Messages, list[dict[str, Any]]]:
+    messages = draw(ros_messages.messages(least))
+    return messages, draw(st.lists(ros_messages.rows(messages), min_size=1, max_size=12))
+
+
+def columns_of(described: Definitions, payloads: list[bytes], *, is_ros1: bool = False) -> Block:
+    columns = arrow_columns.read(described, payloads, is_ros1=is_ros1)
+    flat = flatten({"_ts": None, **columns}, "_ts")
+    return Block(len(payloads), {name: column for name, column in flat.items() if name != "_ts"})
+
+
+def columns_of_rows(rows: list[dict[str, Any]]) -> Block:
+    block = block_of([flatten({"_ts": 0.0, **row}, "_ts") for row in rows])
+    return Block(block.count, {name: column for name, column in block.columns.items() if name != "_ts"})
+
+
+def assert_same(one: Block, other: Block) -> None:
+    assert list(one.columns) == list(other.columns)
+    for name, column in one.columns.items():
+        assert column.array.type == other.columns[name].array.type, name
+        assert column.is_text == other.columns[name].is_text
+        column.array.validate(full=True)
+        assert repr(column.array.to_pylist()) == repr(other.columns[name].array.to_pylist()), name
+
+
+@MANY
+@given(case=cases(), is_little=st.booleans())
+def test_columns_of_cdr_are_those_of_its_rows(case, is_little) -> None:
+    messages, rows = case
+    store = ros_messages.typestore(messages)
+    payloads = [
+        bytes(
+            store.serialize_cdr(ros_messages.instance(store, messages, row), "pkg/msg/Outer", little_endian=is_little)
+        )
+        for row in rows
+    ]
+    described = definition("pkg/msg/Outer", "ros2msg", ros_messages.text(messages))
+    assert_same(columns_of(described, payloads), columns_of_rows(rows))
+
+
+@MANY
+@given(case=cases())
+def test_columns_of_ros_1_are_those_of_its_rows(case) -> None:
+    messages, rows = case
+    store = ros_messages.typestore(messages)
+    payloads = [
+        bytes(store.serialize_ros1(ros_messages.instance(store, messages, row), "pkg/msg/Outer")) for row in rows
+    ]
+    described = definition("pkg/Outer", "ros1msg", ros_messages.text(messages))
+    assert_same(columns_of(described, payloads, is_ros1=True), columns_of_rows(rows))
+
+
+@MANY
+@given(case=cases(), data=st.data())
+def test_bytes_that_are_no_such_message_are_refused_or_say_what_their_rows_say(case, data) -> None:
+    messages, rows = case
+    store = ros_messages.typestore(messages)
+    text = ros_messages.text(messages)
+    payloads = [
+        bytes(store.serialize_cdr(ros_messages.instance(store, messages, row), "pkg/msg/Outer")) for row in rows
+    ]
+    which = data.draw(st.integers(0, len(payloads) - 1))
+    broken = bytearray(payloads[which])
+    for _ in range(data.draw(st.integers(1, 3))):
+        broken[data.draw(st.integers(0, len(broken) - 1))] = data.draw(st.integers(0, 255))
+    cut = data.draw(st.integers(0, 4))
+    payloads[which] = bytes(broken[: len(broken) - cut])
+    try:
+        columns = columns_of(definition("pkg/msg/Outer", "ros2msg", text), payloads)
+    except ValueError:
+        return
+    decode = decoder("pkg/msg/Outer", "ros2msg", text)
+    assert_same(columns, columns_of_rows([decode(payload) for payload in payloads]))
+
+
+@pytest.mark.parametrize("length", [0, 1, 7, 8, 9, 100])
+@pytest.mark.parametrize("first", ["", "uint8 first", "uint16 first", "float64 first"])
+@pytest.mark.parametrize(
+    "item", ["float64 a\nuint8 b", "uint8 a\nuint16 b\nuint8 c", "uint8[3] a", "float32 a\nuint64 b"]
+)
+def test_items_of_a_fixed_size_lie_where_alignment_puts_them(length: int, first: str, item: str) -> None:
+    text = f"{first}\nInner[] x\nuint8 last\n{'=' * 80}\nMSG: pkg/Inner\n{item}"
+    fields = dict(line.split()[::-1] for line in item.splitlines())
+    store = ros_messages.get_typestore(ros_messages.Stores.EMPTY)
+    store.register(ros_messages.get_types_from_msg(text, "pkg/msg/Outer"))
+    inner = store.types["pkg/msg/Inner"]
+    rows, payloads = [], []
+    for number in range(3):
+        values = [
+            {
+                name: (bytes([at] * 3) if "[" in type_ else at % 200 + (0.5 if "float" in type_ else 0))
+                for name, type_ in fields.items()
+            }
+            for at in range(length + number)
+        ]
+        items = [
+            inner(
+                **{
+                    k: ros_messages.np.frombuffer(v, ros_messages.np.uint8) if isinstance(v, bytes) else v
+                    for k, v in value.items()
+                }
+            )
+            for value in values
+        ]
+        firsts = {"first": number + (0.5 if "float" in first else 0)} if first else {}
+        message = store.types["pkg/msg/Outer"](**firsts, x=items, last=number)
+        payloads.append(bytes(store.serialize_cdr(message, "pkg/msg/Outer")))
+        rows.append({**firsts, "x": values, "last": number})
+    assert_same(columns_of(definition("pkg/msg/Outer", "ros2msg", text), payloads), columns_of_rows(rows))
