@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import resource
 import shutil
-import tempfile
 import time
 from pathlib import Path
 
-import report
 import ros_loops
 import rounds
-from report import Aim, Figures, Results
+from comparison import Comparison
+from report import Aim, Figures
 
 MESSAGES, QUICK_MESSAGES = 300_000, 10_000
 BAGS = {"mcap": "mcap", "sqlite3": "sqlite3", "ros1": "ros1.bag"}
@@ -97,37 +96,25 @@ def run(what: str, name: str, data: Path, count: int) -> Figures:
         dest.unlink(missing_ok=True)
 
 
-def section(results: Results, count: int, messages: int, folder: Path) -> str:
-    """The whole report as Markdown."""
-    notes = f"""\
-Written by `tools/bench_bags.py`. Bags of {messages:,} `sensor_msgs/JointState`s of 7 joints, written by rosbags, become
+COMPARISON = Comparison(
+    about=__doc__,
+    section="bags",
+    heading="Bags that are carried",
+    measures=MEASURES,
+    turns=TURNS,
+    titles=TITLES,
+    shown=SHOWN,
+    aims=AIMS,
+    packages=PACKAGES,
+    sizes=(MESSAGES, QUICK_MESSAGES),
+    space="1 GB",
+    notes="""\
+Written by `tools/bench_bags.py`. Bags of {size} `sensor_msgs/JointState`s of 7 joints, written by rosbags, become
 recordings with the same messages, and bags again. The loop with rosbags (`tools/ros_loops.py`) decodes each message,
 encodes it again and writes a rosbag2 in MCAP. The compressor alone gets the bag's content in pieces of a MiB. Each
-figure is the median of {count} (lowest to highest), the contenders in turn, each time in a process of its own."""
-    aims = report.table(["", "measured", "aim", ""], [report.judge(aim, results) for aim in AIMS])
-    tables = []
-    for what, title in MEASURES.items():
-        taken = {name: results[what, name] for name in TURNS[what] if (what, name) in results}
-        body = [[TITLES[name], *(report.cell(found, figure) for figure in SHOWN)] for name, found in taken.items()]
-        tables.append(f"### {title}\n\n{report.table(['', *SHOWN.values()], body)}")
-    parts = ["## Bags that are carried", notes, report.environment(PACKAGES, folder), "### Aims\n\n" + aims, *tables]
-    if messages == QUICK_MESSAGES:
-        parts.insert(1, "**A quick run: it shows that the benchmark works, and no more.**")
-    return "\n\n".join(parts)
-
-
-def main() -> None:
-    given = rounds.options(__doc__, [*MEASURES, *TITLES], "1 GB", measure)
-    if given is None:
-        return
-    messages = QUICK_MESSAGES if given.quick else MESSAGES
-    turns = rounds.chosen(TURNS, given.only)
-    with tempfile.TemporaryDirectory(dir=given.folder) as scratch:
-        data = Path(scratch)
-        results = rounds.play(turns, given.rounds, lambda what, name: run(what, name, data, messages))
-    text = section(results, given.rounds, messages, given.folder)
-    report.deliver(given.out, "bags", text)
+figure is the median of {rounds} (lowest to highest), the contenders in turn, each time in a process of its own.""",
+)
 
 
 if __name__ == "__main__":
-    main()
+    COMPARISON.main(measure, run)

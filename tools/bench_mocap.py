@@ -21,11 +21,11 @@ from typing import Any
 
 import kernel
 import numpy as np
-import report
 import rounds
+from comparison import Comparison
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from report import Aim, Figures, Results
+from report import Aim, Figures
 
 from ml_dash_mcap import Recorder, Recording
 from ml_dash_mcap.formats import readers
@@ -212,46 +212,35 @@ def carry_out(order: rounds.Order) -> Figures:
     }
 
 
-def section(results: Results, count: int, frames: int, folder: Path) -> str:
-    """The whole report as Markdown."""
-    notes = f"""\
-Written by `tools/bench_mocap.py`. A take of {frames:,} frames: a rigid body and {len(MARKERS)} markers, of which some
-are hidden now and then, as one topic of a recording and as Motive CSV. Each figure is the median of {count} (lowest to
-highest), the contenders in turn, each in a process of its own; the files are in the page cache. The loops do less than
-this library: they neither check that frames are evenly spaced and rotations are rotations, nor write a header."""
-    judged = [aim for aim in AIMS if aim.figure[:2] in results]
-    parts = ["## Motion capture", notes, report.environment(PACKAGES, folder)]
-    if frames == QUICK_FRAMES:
-        parts.insert(1, "**A quick run: it shows that the benchmark works, and no more.**")
-    parts.append(
-        "### Aims\n\n" + report.table(["", "measured", "aim", ""], [report.judge(aim, results) for aim in judged])
-    )
-    for measure, contenders in MEASURES.items():
-        taken = [(TITLES[name], results[measure, name]) for name in contenders if (measure, name) in results]
-        body = [[title, *(report.cell(found, figure) for figure in SHOWN)] for title, found in taken]
-        if body:
-            parts.append(f"### {measure.title()}\n\n{report.table(['', *SHOWN.values()], body)}")
-    return "\n\n".join(parts)
-
-
-def main() -> None:
-    given = rounds.options(__doc__, [*MEASURES, *TITLES], "6 GB", carry_out)
-    if given is None:
-        return
-    frames = QUICK_FRAMES if given.quick else FRAMES
+def run(measure: str, name: str, data: Path, frames: int) -> Figures:
+    """Take one measure of one contender in a process of its own."""
     sizes = {"whole": frames, "tenth": frames // TENTH}
-    with tempfile.TemporaryDirectory(dir=given.folder) as data:
-        for name, size in sizes.items():
-            rounds.in_a_process(__file__, {"measure": "record", "name": name, "frames": size, "data": data})
+    for take, size in sizes.items():
+        if not (data / take).exists():
+            rounds.in_a_process(__file__, {"measure": "record", "name": take, "frames": size, "data": str(data)})
+    size = sizes["tenth" if name == "tenth" else "whole"]
+    return rounds.in_a_process(__file__, {"measure": measure, "name": name, "frames": size, "data": str(data)})
 
-        def run(measure: str, name: str) -> Figures:
-            size = sizes["tenth" if name == "tenth" else "whole"]
-            return rounds.in_a_process(__file__, {"measure": measure, "name": name, "frames": size, "data": data})
 
-        results = rounds.play(rounds.chosen(MEASURES, given.only), given.rounds, run)
-    text = section(results, given.rounds, frames, given.folder)
-    report.deliver(given.out, "mocap", text)
+COMPARISON = Comparison(
+    about=__doc__,
+    section="mocap",
+    heading="Motion capture",
+    measures={measure: measure.title() for measure in MEASURES},
+    turns=MEASURES,
+    titles=TITLES,
+    shown=SHOWN,
+    aims=AIMS,
+    packages=PACKAGES,
+    sizes=(FRAMES, QUICK_FRAMES),
+    space="6 GB",
+    notes=f"""\
+Written by `tools/bench_mocap.py`. A take of {{size}} frames: a rigid body and {len(MARKERS)} markers, of which some
+are hidden now and then, as one topic of a recording and as Motive CSV. Each figure is the median of {{rounds}} (lowest
+to highest), the contenders in turn, each in a process of its own; the files are in the page cache. The loops do less
+than this library: they neither check that frames are evenly spaced and rotations are rotations, nor write a header.""",
+)
 
 
 if __name__ == "__main__":
-    main()
+    COMPARISON.main(carry_out, run)

@@ -12,14 +12,13 @@ from __future__ import annotations
 
 import resource
 import shutil
-import tempfile
 import time
 from pathlib import Path
 
-import report
 import ros_loops
 import rounds
-from report import Aim, Figures, Results
+from comparison import Comparison
+from report import Aim, Figures
 
 ROWS, QUICK_ROWS = 1_000_000, 20_000
 BLOCK_ROWS = 10_000
@@ -133,37 +132,25 @@ def remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def section(results: Results, count: int, rows: int, folder: Path) -> str:
-    """The whole report as Markdown."""
-    notes = f"""\
-Written by `tools/bench_ros.py`. A recording of {rows:,} rows of 29 floats in 6 fields becomes a rosbag2 folder, and a
+COMPARISON = Comparison(
+    about=__doc__,
+    section="ros",
+    heading="ROS bags",
+    measures=MEASURES,
+    turns=TURNS,
+    titles=TITLES,
+    shown=SHOWN,
+    aims=AIMS,
+    packages=PACKAGES,
+    sizes=(ROWS, QUICK_ROWS),
+    space="10 GB",
+    notes="""\
+Written by `tools/bench_ros.py`. A recording of {size} rows of 29 floats in 6 fields becomes a rosbag2 folder, and a
 recording again. The loop with rosbags is in `tools/ros_loops.py`: read with mcap and json, fill the same four messages
 a row, serialise, write; and read, deserialise, encode with json, write with mcap. Both compress with zstd. Each figure
-is the median of {count} (lowest to highest), the contenders in turn, each time in a process of its own."""
-    aims = report.table(["", "measured", "aim", ""], [report.judge(aim, results) for aim in AIMS])
-    tables = []
-    for what, title in MEASURES.items():
-        taken = {name: results[what, name] for name in TURNS[what] if (what, name) in results}
-        body = [[TITLES[name], *(report.cell(found, figure) for figure in SHOWN)] for name, found in taken.items()]
-        tables.append(f"### {title}\n\n{report.table(['', *SHOWN.values()], body)}")
-    parts = ["## ROS bags", notes, report.environment(PACKAGES, folder), "### Aims\n\n" + aims, *tables]
-    if rows == QUICK_ROWS:
-        parts.insert(1, "**A quick run: it shows that the benchmark works, and no more.**")
-    return "\n\n".join(parts)
-
-
-def main() -> None:
-    given = rounds.options(__doc__, [*MEASURES, *TITLES], "10 GB", measure)
-    if given is None:
-        return
-    rows = QUICK_ROWS if given.quick else ROWS
-    turns = rounds.chosen(TURNS, given.only)
-    with tempfile.TemporaryDirectory(dir=given.folder) as scratch:
-        data = Path(scratch)
-        results = rounds.play(turns, given.rounds, lambda what, name: run(what, name, data, rows))
-    text = section(results, given.rounds, rows, given.folder)
-    report.deliver(given.out, "ros", text)
+is the median of {rounds} (lowest to highest), the contenders in turn, each time in a process of its own.""",
+)
 
 
 if __name__ == "__main__":
-    main()
+    COMPARISON.main(measure, run)
