@@ -27,7 +27,7 @@ from .errors import FieldError, PrefixError, StorageError, TopicError, UsageErro
 from .file_names import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
 from .inspect.earlier_run import own_clock_until
 from .inspect.plain_words import said as in_words
-from .mcap import record_bytes
+from .mcap.records import METADATA, Metadata
 from .meaning.annotations import NOTHING_SAID, collect
 from .options import RecorderOptions, arguments_of, check_options, misplaced
 from .recovery import recover_folder
@@ -224,7 +224,7 @@ class Recorder:
     def write_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record of a name of its own. It is as safe as a row when this returns."""
         said = {_text("metadata", key): _text(f"metadata {key!r}:", value) for key, value in values.items()}
-        self._journal.add_metadata(record_bytes.metadata(_text("metadata", name), said))
+        self._journal.add_metadata(METADATA.pack(Metadata(_text("metadata", name), said)))
         if self._journal.eager is not None:
             self._journal.eager()
 

@@ -11,7 +11,7 @@ from .capture.channels import ChannelInfo
 from .capture.event_times import WALL_STAMPED
 from .errors import FieldError, TopicError, UsageError
 from .file_names import OWN_TOPICS
-from .mcap import record_bytes
+from .mcap.message_records import MESSAGE_OPCODE
 from .rows.encode import EXACT_KEY, TIME_KEY
 from .rows.json_text import dumps, exact, row_value
 from .timestamps import MISSING
@@ -23,7 +23,7 @@ _MAX_TOPIC_BYTES = 1024
 
 _END_S = clock.END_S
 _pack_tail = struct.Struct("<Q6sQQ").pack
-_OPCODE = bytes((record_bytes.MESSAGE_OPCODE,))
+_OPCODE = bytes((MESSAGE_OPCODE,))
 
 T = TypeVar("T", bound="Topic")
 

@@ -23,7 +23,8 @@ from ml_dash_mcap.errors import RecorderError
 from ml_dash_mcap.mcap import chunk_reader as chunks
 from ml_dash_mcap.mcap import records, summary
 from ml_dash_mcap.mcap.limits import DEFAULT
-from ml_dash_mcap.mcap.record_fields import Fields
+from ml_dash_mcap.mcap.message_records import MESSAGE_FIELDS, MESSAGE_HEAD_BYTES
+from ml_dash_mcap.mcap.record_layout import Fields, split_records
 from ml_dash_mcap.mcap.records import Opcode
 from ml_dash_mcap.query import topic_messages
 from ml_dash_mcap.query.file import File
@@ -32,7 +33,7 @@ Described = dict[str, Any]
 """A record as a description has it: its `type`, and its `fields` by name; numbers as text, bytes as lists of them."""
 
 _NAMES = {opcode: opcode.name.title().replace("_", "") for opcode in Opcode}
-_MESSAGE_HEAD = chunks.MESSAGE_HEAD.itemsize
+_MESSAGE_HEAD = MESSAGE_HEAD_BYTES
 
 
 def plain(value: Any) -> Any:
@@ -53,10 +54,10 @@ def described(path: Path) -> list[Described]:
 
 
 def _described(data: bytes, path: str, base: int) -> Iterator[Described]:
-    for opcode, at, fields in records.split(data, path, base):
+    for opcode, at, fields in split_records(data, path, base):
         if opcode == Opcode.CHUNK:
             record = data[at - base : fields.end]
-            head = records.chunk_head(fields)
+            head = records.CHUNK_HEAD.read(fields)
             chunk = records.Chunk(
                 at,
                 len(record),
@@ -75,26 +76,26 @@ def _described(data: bytes, path: str, base: int) -> Iterator[Described]:
 def _values(opcode: Opcode, fields: Fields, content: bytes) -> dict[str, Any]:
     """Return the fields of a record by the names of the specification."""
     if opcode == Opcode.HEADER:
-        header = records.header(fields)
+        header = records.HEADER.read(fields)
         return {"profile": header.profile, "library": header.library}
     if opcode == Opcode.SCHEMA:
-        schema = records.schema(fields)
+        schema = records.SCHEMA.read(fields)
         return {"id": schema.id, "name": schema.name, "encoding": schema.encoding, "data": schema.data}
     if opcode == Opcode.CHANNEL:
-        channel = records.channel(fields)
+        channel = records.CHANNEL.read(fields)
         return {
             **{name: getattr(channel, name) for name in ("id", "schema_id", "topic", "message_encoding")},
             "metadata": dict(channel.metadata),
         }
     if opcode == Opcode.MESSAGE:
         names = ("channel_id", "sequence", "log_time", "publish_time")
-        head = fields.u16(), fields.u32(), fields.u64(), fields.u64()
+        head = fields.numbers(MESSAGE_FIELDS)
         return {**dict(zip(names, head, strict=True)), "data": content[fields.at - fields.start :]}
     if opcode == Opcode.METADATA:
-        metadata = records.metadata(fields)
+        metadata = records.METADATA.read(fields)
         return {"name": metadata.name, "metadata": dict(metadata.values)}
     if opcode == Opcode.ATTACHMENT:
-        attachment = records.attachment(fields, 0, 0)
+        attachment = records.ATTACHMENT_HEAD.read(fields, offset=0, length=0)
         return {
             "name": attachment.name,
             "media_type": attachment.media_type,
@@ -103,13 +104,13 @@ def _values(opcode: Opcode, fields: Fields, content: bytes) -> dict[str, Any]:
             "data": fields.raw(attachment.data_size),
         }
     if opcode == Opcode.DATA_END:
-        return {"data_section_crc": records.data_end(fields)}
+        return {"data_section_crc": records.DATA_END.read(fields).data_section_crc}
     return _summary_values(opcode, fields)
 
 
 def _summary_values(opcode: Opcode, fields: Fields) -> dict[str, Any]:
     if opcode == Opcode.STATISTICS:
-        said = records.statistics(fields)
+        said = records.STATISTICS.read(fields)
         names = ("message_count", "schema_count", "channel_count", "attachment_count", "metadata_count", "chunk_count")
         return {
             **{name: getattr(said, name) for name in names},
@@ -118,7 +119,7 @@ def _summary_values(opcode: Opcode, fields: Fields) -> dict[str, Any]:
             "channel_message_counts": dict(said.channel_message_counts),
         }
     if opcode == Opcode.CHUNK_INDEX:
-        chunk = records.chunk_index(fields)
+        chunk = records.CHUNK_INDEX.read(fields)
         same = ("message_index_length", "compression", "compressed_size", "uncompressed_size")
         return {
             "message_start_time": chunk.start_ns,
@@ -129,17 +130,17 @@ def _summary_values(opcode: Opcode, fields: Fields) -> dict[str, Any]:
             **{name: getattr(chunk, name) for name in same},
         }
     if opcode == Opcode.ATTACHMENT_INDEX:
-        entry = records.attachment_index(fields)
+        entry = records.ATTACHMENT_INDEX.read(fields)
         same = ("name", "media_type", "data_size", "offset", "length")
         times = {"log_time": entry.log_time_ns, "create_time": entry.create_time_ns}
         return {**times, **{name: getattr(entry, name) for name in same}}
     if opcode == Opcode.METADATA_INDEX:
-        found = records.metadata_index(fields)
+        found = records.METADATA_INDEX.read(fields)
         return {name: getattr(found, name) for name in ("name", "offset", "length")}
     if opcode == Opcode.SUMMARY_OFFSET:
-        group = records.summary_offset(fields)
+        group = records.SUMMARY_OFFSET.read(fields)
         return {"group_opcode": group.opcode, "group_start": group.start, "group_length": group.length}
-    footer = records.footer(fields)
+    footer = records.FOOTER.read(fields)
     return {name: getattr(footer, name) for name in ("summary_start", "summary_offset_start", "summary_crc")}
 
 

@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 from ..errors import StateError
 from ..file_names import JOURNAL_RECORD
-from ..mcap import record_bytes
+from ..mcap.records import METADATA, Metadata, file_start
 from .buffer import Buffer
 from .journal_files import JournalFiles
 from .turn_taking import State, Turns
@@ -53,8 +53,8 @@ class BufferRing:
         self.active.begin(self._prologue(0, self.registry))
 
     def _prologue(self, block: int, registry: bytes) -> bytes:
-        owner = record_bytes.metadata(JOURNAL_RECORD, {"session": self.session.name, "block": str(block)})
-        return record_bytes.header("ml_dash_mcap journal") + owner + registry
+        owner = METADATA.pack(Metadata(JOURNAL_RECORD, {"session": self.session.name, "block": str(block)}))
+        return file_start("ml_dash_mcap journal") + owner + registry
 
     # -- sealing -------------------------------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..file_names import KIND_KEY
-from ..mcap import record_bytes
+from ..mcap.records import CHANNEL, SCHEMA, Channel, Schema
 from ..rows import schema as schemas
 
 
@@ -29,9 +29,11 @@ class ChannelInfo:
 
     def channel_record(self) -> bytes:
         """Return the Channel record."""
-        return record_bytes.channel(self.number, self.topic, {KIND_KEY: self.kind, **self.metadata})
+        metadata = {KIND_KEY: self.kind, **self.metadata}
+        return CHANNEL.pack(Channel(self.number, self.number, self.topic, "json", metadata))
 
     def schema_record(self, schema: Mapping[str, Any] | None, reserve: int = 0) -> bytes:
         """Return the Schema record; its text is padded to `reserve` bytes."""
         said = schema or self.schema or {"type": "object", "title": self.topic}
-        return record_bytes.schema(self.number, self.schema_name or self.topic, schemas.to_bytes(dict(said), reserve))
+        data = schemas.to_bytes(dict(said), reserve)
+        return SCHEMA.pack(Schema(self.number, self.schema_name or self.topic, "jsonschema", data))

@@ -13,7 +13,7 @@ import orjson
 
 from .. import clock
 from ..errors import FieldError, TimestampError
-from ..mcap import record_bytes as records
+from ..mcap.message_records import MESSAGE_FIXED_BYTES, MESSAGE_HEAD_BYTES, MESSAGE_OPCODE, message_heads
 from ..rows import from_data_frames, packed
 from ..rows.encode import TIME_KEY
 from ..time_hints import seconds_hint, unit_hint
@@ -137,8 +137,8 @@ def _encode_rows(
     for row, time_s in enumerate(times.tolist()):
         payload = column_rows.payload(columns, row, time_s, topic)
         time_ns = clock.to_nanoseconds(time_s)
-        length = len(payload) + records.MESSAGE_LENGTH_EXCESS
-        blobs.append(struct.pack("<BQ6sQQ", records.MESSAGE_OPCODE, length, head, time_ns, time_ns) + payload)
+        length = len(payload) + MESSAGE_FIXED_BYTES
+        blobs.append(struct.pack("<BQ6sQQ", MESSAGE_OPCODE, length, head, time_ns, time_ns) + payload)
         size += len(blobs[-1])
         if len(blobs) == _SLICE or size > _SLICE_BYTES or row == len(times) - 1:
             lengths = np.array([len(blob) for blob in blobs], np.int64)
@@ -180,13 +180,8 @@ def _encode_slice(
         between = b"]" * (array.ndim - 1) + b","
     pieces.append(repeat(b"}", count))
     lengths += 1
-    heads = np.zeros(count, records.MESSAGE_HEAD_DTYPE)
-    heads["opcode"] = records.MESSAGE_OPCODE
-    heads["length"] = lengths + records.MESSAGE_LENGTH_EXCESS
-    heads["channel"] = int.from_bytes(head[:2], "little")
-    heads["log_time"] = heads["publish_time"] = times_ns
-    packed = heads.tobytes()
-    size = records.MESSAGE_HEAD
+    packed = message_heads(lengths, int.from_bytes(head[:2], "little"), times_ns).tobytes()
+    size = MESSAGE_HEAD_BYTES
     cut_heads = [packed[at : at + size] for at in range(0, len(packed), size)]
     lengths += size
     return b"".join(chain.from_iterable(zip(cut_heads, *pieces, strict=True))), np.cumsum(lengths) - lengths

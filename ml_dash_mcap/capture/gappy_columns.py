@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain, pairwise, repeat
@@ -13,7 +12,7 @@ import numpy.typing as npt
 import orjson
 
 from .. import clock
-from ..mcap import record_bytes
+from ..mcap.message_records import MESSAGE_HEAD_BYTES, message_heads
 from ..rows.encode import TIME_KEY
 from ..rows.json_text import exact
 
@@ -151,12 +150,8 @@ def _records(
 ) -> tuple[bytes, npt.NDArray[np.int64]]:
     """Return payloads as Message records, and where each of them starts, [N]."""
     lengths = np.fromiter(map(len, payloads), np.int64, len(payloads))
-    heads = np.zeros(len(payloads), record_bytes.MESSAGE_HEAD_DTYPE)
-    heads["opcode"] = record_bytes.MESSAGE_OPCODE
-    heads["length"] = lengths + record_bytes.MESSAGE_LENGTH_EXCESS
-    heads["channel"] = struct.unpack_from("<H", head)[0]
-    heads["log_time"] = heads["publish_time"] = times_ns
-    packed, size = heads.tobytes(), record_bytes.MESSAGE_HEAD
+    packed = message_heads(lengths, int.from_bytes(head[:2], "little"), times_ns).tobytes()
+    size = MESSAGE_HEAD_BYTES
     cut_heads = [packed[at : at + size] for at in range(0, len(packed), size)]
     lengths += size
     return b"".join(chain.from_iterable(zip(cut_heads, payloads, strict=True))), np.cumsum(lengths) - lengths

@@ -15,7 +15,7 @@ import orjson
 
 from ..codecs import json_merge as merge
 from ..codecs.json_skeleton import UNKNOWN
-from ..mcap import record_bytes
+from ..mcap.message_records import MESSAGE_HEAD_BYTES
 from ..mcap.row_arrays import Rows, replaced
 
 _SLICE = 64
@@ -48,7 +48,7 @@ def merge_same_time(
     payloads: dict[int, tuple[int, bytes]] = {}
     dropped: list[int] = []
     block = memoryview(rows.data)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
-    starts, ends = (rows.starts + record_bytes.MESSAGE_HEAD).tolist(), rows.ends.tolist()
+    starts, ends = (rows.starts + MESSAGE_HEAD_BYTES).tolist(), rows.ends.tolist()
     times, channels, form_numbers = rows.times.tolist(), rows.channels.tolist(), forms.tolist()
     disjoint: dict[tuple[int, ...], bool] = {}
     for count, group in enumerate(groups):

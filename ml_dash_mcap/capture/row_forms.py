@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..codecs.json_skeleton import LONG_ROW_BYTES, UNKNOWN, Bones, Skeletons, guess
-from ..mcap import record_bytes
+from ..mcap.message_records import MESSAGE_HEAD_BYTES
 from ..mcap.row_arrays import Rows, taken
 from ..rows.shape import Shape
 from .channels import ChannelInfo
@@ -86,7 +86,7 @@ class RowForms:
 
     def _classify_short(self, rows: Rows) -> Forms:
         """Return the forms of rows none of which is long, by their skeletons."""
-        bones = Bones(rows.data, rows.starts + record_bytes.MESSAGE_HEAD, rows.ends, record_bytes.MESSAGE_HEAD)
+        bones = Bones(rows.data, rows.starts + MESSAGE_HEAD_BYTES, rows.ends, MESSAGE_HEAD_BYTES)
         forms = guess(bones, rows.channels, self._skeletons)
         if forms is None:
             forms = np.full(len(rows), UNKNOWN, np.int32)

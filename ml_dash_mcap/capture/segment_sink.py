@@ -6,18 +6,16 @@ import datetime
 import json
 import time
 from collections.abc import Mapping
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.ma  # numpy.unique() would load it at the first block: 20 ms, beside a control loop
-from mcap.data_stream import ReadDataStream
-from mcap.records import Metadata
 
 from ..file_names import ACTIVE_SUFFIX, DROPS_RECORD, PARAMETERS_RECORD, STEPS_RECORD
-from ..mcap import record_bytes
-from ..mcap.chunk_writer import UNCOMPRESSED, Chunk, Compressor, build, compressor
+from ..mcap.chunk_writer import UNCOMPRESSED, Compressor, PackedChunk, build, compressor
+from ..mcap.record_layout import PREFIX_BYTES, Fields
+from ..mcap.records import METADATA
 from ..mcap.row_arrays import Rows, split
 from ..mcap.segment import Segment
 from ..options import RecorderOptions
@@ -115,10 +113,10 @@ class SegmentSink:
         self._begun = None  # the memory of a large row goes with its block
 
     def _write_metadata(self, record: bytes) -> None:
-        parsed = Metadata.read(ReadDataStream(BytesIO(record[9:])))
-        self._ensure_segment().add_metadata(parsed.name, record)
-        if parsed.name == PARAMETERS_RECORD:
-            self._parameters.update(parsed.metadata)
+        metadata = METADATA.read(Fields(record, "", start=PREFIX_BYTES))
+        self._ensure_segment().add_metadata(metadata.name, metadata.values)
+        if metadata.name == PARAMETERS_RECORD:
+            self._parameters.update(metadata.values)
 
     def _write_rows(self, block: PreparedBlock, rows: Rows) -> None:
         segment = self._ensure_channels(rows, block.shapes)
@@ -128,7 +126,7 @@ class SegmentSink:
         self.bytes_written += segment.size - before
         self._next_block = block.number + 1
 
-    def _build(self, rows: Rows) -> Chunk:
+    def _build(self, rows: Rows) -> PackedChunk:
         try:
             return build(rows, self.compress)
         except OSError:
@@ -152,7 +150,7 @@ class SegmentSink:
                 segment.rewrite_schema(number, grown[number])
             else:
                 record = self._schema_record(number, shapes, 0)
-                segment.add_channel(number, record, self._channels[number].channel_record())
+                segment.add_topic(number, record, self._channels[number].channel_record())
         return segment
 
     def _schema_record(self, number: int, shapes: Mapping[int, Shape], space: int) -> bytes:
@@ -190,7 +188,7 @@ class SegmentSink:
             self._number += 1
             path = segment_path(self.folder, self._stamp, self._number)
             try:
-                self._segment = Segment(path, self._about["library"], self._describe())
+                self._segment = Segment.create(path, self._about["library"], self._describe())
             except FileExistsError:
                 continue
             except OSError:
@@ -221,7 +219,7 @@ class SegmentSink:
     def sync(self) -> None:
         """Wait until what was written would survive a power cut."""
         if self._segment is not None:
-            self._segment.sync()
+            self._segment.output.sync()
 
     def finish_segment(self) -> None:
         """Write the end of the segment in progress, if there is one."""
@@ -240,7 +238,7 @@ class SegmentSink:
             counts = {topic: str(count) for topic, count in drops.items()}
             segment = self._ensure_segment()
             if counts:
-                segment.add_metadata(DROPS_RECORD, record_bytes.metadata(DROPS_RECORD, counts))
+                segment.add_metadata(DROPS_RECORD, counts)
             self._drops_written = dict(drops)
         self.finish_segment()
         while self._set_aside:  # what a failed sync did to them is unknown; it is not asked for again

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from .. import clock
 from ..file_names import STEPS_RECORD
-from ..mcap import record_bytes
+from ..mcap.records import METADATA, Metadata
 from ..mcap.row_arrays import Rows
 
 TOLERANCE_S = 0.05
@@ -125,7 +125,9 @@ class Steps:
                 "last_ns": self._last_ns[channel],
                 "rows": next_sequence[channel],
             }
-        return record_bytes.metadata(STEPS_RECORD, {"block": str(number), "topics": json.dumps(said)}) if said else b""
+        return (
+            METADATA.pack(Metadata(STEPS_RECORD, {"block": str(number), "topics": json.dumps(said)})) if said else b""
+        )
 
     def _hidden(self, kept: Rows) -> Iterable[int]:
         """Return the channels with a step back, and those whose last row in the file is not the last one appended."""

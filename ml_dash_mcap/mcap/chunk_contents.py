@@ -14,8 +14,9 @@ from . import chunk_reader as chunks
 from . import over_limits, records
 from .limits import Limits
 from .losses import Loss, Losses
-from .record_fields import Bytes, Fields
-from .records import Chunk, MessageIndex, Opcode
+from .message_records import ENTRY_BYTES, MessageIndex, read_message_index
+from .record_layout import PREFIX_BYTES, Bytes, Fields, read_prefix
+from .records import Chunk, Opcode
 
 _KEPT_CHUNKS = 4
 _KEPT_BYTES = 32 * 1024 * 1024
@@ -185,15 +186,15 @@ class Unpacking:
         name = self._source.name
         if span is None:
             span, at = self._read_record(offset, room), offset
-        start = offset - at + records.PREFIX_BYTES
-        opcode, length = records.prefix(span, offset - at) if start <= len(span) else (0, 0)
-        if opcode != Opcode.MESSAGE_INDEX or length > room - records.PREFIX_BYTES:
+        start = offset - at + PREFIX_BYTES
+        opcode, length = read_prefix(span, offset - at) if start <= len(span) else (0, 0)
+        if opcode != Opcode.MESSAGE_INDEX or length > room - PREFIX_BYTES:
             raise DamagedFileError(name, offset, "the index says that a message index starts here, but none does")
         fields = Fields(span, name, at, start, min(start + length, len(span)))
-        found = records.message_index(fields)
+        found = read_message_index(fields)
         if found.channel_id != channel_id:
             raise DamagedFileError(name, offset, f"a message index of channel {found.channel_id}, not {channel_id}")
-        if start + length - fields.at >= records.ENTRY_BYTES:  # fields of a later version, or entries that are hidden
+        if start + length - fields.at >= ENTRY_BYTES:  # fields of a later version, or entries that are hidden
             true = self.scan(chunk).get(channel_id)
             if true is None or len(true.offsets) != len(found.offsets):
                 raise DamagedFileError(name, offset, "a message index whose length contradicts itself")
@@ -211,9 +212,9 @@ class Unpacking:
     def _read_record(self, offset: int, room: int) -> bytes:
         """Read the record that starts at `offset`; `room` bytes are the most that it can have."""
         head = self._source.read(offset, min(room, _HEAD_BYTES))
-        if len(head) < records.PREFIX_BYTES:
+        if len(head) < PREFIX_BYTES:
             raise DamagedFileError(self._source.name, offset, "the file ends where a record should start")
-        total = records.PREFIX_BYTES + records.prefix(head, 0)[1]
+        total = PREFIX_BYTES + read_prefix(head, 0)[1]
         if total <= len(head) or total > min(room, self._limits.record_bytes):
             return head
         return head + self._source.read(offset + len(head), total - len(head))

@@ -14,10 +14,10 @@ import numpy.typing as npt
 from ..errors import DamagedFileError
 from . import records
 from .chunk_table import NUMBERS, Alike, ChunkTable
-from .record_fields import Fields
+from .record_layout import PREFIX_BYTES, Fields, read_prefix, record_at
 from .records import Chunk, Opcode
 
-_BEHIND = records.PREFIX_BYTES + 4 * 8
+_BEHIND = PREFIX_BYTES + 4 * 8
 """Where the map of message indexes starts in the record, in bytes."""
 _LEAST_BYTES = _BEHIND + 4 + 8 + 4 + 8 + 8
 _PAIR_BYTES = 2 + 8
@@ -54,14 +54,14 @@ class ChunkIndexes:
         places = array("q")
         sizes = array("q")
         self._runs.append((data, start, places, sizes))
-        at, end, behind_prefix = 0, len(data), len(data) - records.PREFIX_BYTES
+        at, end, behind_prefix = 0, len(data), len(data) - PREFIX_BYTES
         last, same = b"", 0
         while at < end:
-            head = bytes(data[at : at + records.PREFIX_BYTES])
-            opcode, length = records.prefix(head, 0) if at <= behind_prefix else (0, end)
-            size = records.PREFIX_BYTES + length
+            head = bytes(data[at : at + PREFIX_BYTES])
+            opcode, length = read_prefix(head, 0) if at <= behind_prefix else (0, end)
+            size = PREFIX_BYTES + length
             if opcode != Opcode.CHUNK_INDEX or at + size > end:
-                opcode, fields = records.one(data, at, self._path, start)
+                opcode, fields = record_at(data, at, self._path, start)
                 yield opcode, start + at, fields
                 at += size
                 continue
@@ -122,8 +122,8 @@ class ChunkIndexes:
         return ChunkTable(np.concatenate(numbers) if numbers else np.zeros(0, NUMBERS), alike, others)
 
     def _one(self, data: memoryview, start: int, at: int, data_end: int) -> Chunk:
-        _, fields = records.one(data, at, self._path, start)
-        chunk = records.chunk_index(fields)
+        _, fields = record_at(data, at, self._path, start)
+        chunk = records.CHUNK_INDEX.read(fields)
         check(chunk, self._path, start + at, data_end)
         return chunk
 
@@ -144,7 +144,7 @@ def check(chunk: Chunk, path: str, at: int, data_end: int) -> None:
     if not (len(records.MAGIC) <= chunk.offset and behind <= data_end):
         raise DamagedFileError(path, at, "a chunk index that points outside the data section")
     for offset in chunk.message_index_offsets.values():
-        if not chunk.end <= offset <= behind - records.PREFIX_BYTES:
+        if not chunk.end <= offset <= behind - PREFIX_BYTES:
             raise DamagedFileError(path, at, "a chunk index whose message indexes do not lie behind the chunk")
 
 
@@ -169,7 +169,7 @@ def _alike(
 def _repeats(data: memoryview, at: int, size: int, most: int) -> int:
     """Return how often the prefix that stands at `at` stands every `size` bytes from there on, in whole records."""
     count = min((len(data) - at) // size, most)
-    heads = np.ndarray((count, records.PREFIX_BYTES), np.uint8, data, at, (size, 1))
+    heads = np.ndarray((count, PREFIX_BYTES), np.uint8, data, at, (size, 1))
     differ = (heads != heads[0]).any(axis=1)
     return int(differ.argmax()) if differ.any() else count
 
@@ -178,7 +178,7 @@ def _repeats(data: memoryview, at: int, size: int, most: int) -> int:
 def _form(channels: int, letters: int) -> np.dtype[np.void]:
     return np.dtype(
         [
-            ("prefix", np.uint8, (records.PREFIX_BYTES,)),
+            ("prefix", np.uint8, (PREFIX_BYTES,)),
             *((name, "<u8") for name in ("start_ns", "end_ns", "offset", "length")),
             ("map_bytes", "<u4"),
             ("map", np.dtype([("channel", "<u2"), ("offset", "<u8")]), (channels,)),
@@ -217,7 +217,7 @@ def _is_sound(run: npt.NDArray[np.void], data_end: int) -> npt.NDArray[np.bool_]
     behind = ends + behind_chunk
     sound &= behind <= data_end
     sound &= (indexes >= ends[:, None]).all(axis=1)
-    sound &= (indexes + np.uint64(records.PREFIX_BYTES) <= behind[:, None]).all(axis=1)
+    sound &= (indexes + np.uint64(PREFIX_BYTES) <= behind[:, None]).all(axis=1)
     return sound
 
 

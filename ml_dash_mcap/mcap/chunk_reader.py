@@ -14,24 +14,11 @@ import numpy.typing as npt
 from ..errors import DamagedFileError
 from . import records
 from .limits import Limits, of_file
-from .record_fields import Bytes, Fields
-from .records import Chunk, ChunkHead, MessageIndex, Opcode
-
-MESSAGE_HEAD = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("time", "<u8"),
-        ("published", "<u8"),
-    ]
-)
-"""A Message record up to its payload."""
+from .message_records import MESSAGE_FIXED_BYTES, MESSAGE_HEAD, MESSAGE_HEAD_BYTES, MessageIndex
+from .record_layout import PREFIX_BYTES, Bytes, Fields, read_prefix, record_at
+from .records import Chunk, ChunkHead, Opcode
 
 _MESSAGE_START = struct.Struct("<BQH4xQ")
-
-_FIXED = MESSAGE_HEAD.itemsize - records.PREFIX_BYTES
 
 
 class LimitError(DamagedFileError):
@@ -65,7 +52,7 @@ class Messages:
     def payloads(self) -> list[bytes]:
         """The payload of each, copied out."""
         data = self.data
-        starts = (self.offsets + MESSAGE_HEAD.itemsize).tolist()
+        starts = (self.offsets + MESSAGE_HEAD_BYTES).tolist()
         return [data[start:end] for start, end in zip(starts, self.ends.tolist(), strict=True)]
 
     def pick(self, which: npt.NDArray[np.intp]) -> Messages:
@@ -131,11 +118,11 @@ def unpack(
     check_size(chunk, path, limits)
     if chunk.compression == records.LOOSE:
         return bytes(record)
-    opcode, length = records.prefix(record, 0) if len(record) >= records.PREFIX_BYTES else (0, 0)
-    if opcode != Opcode.CHUNK or length != len(record) - records.PREFIX_BYTES:
+    opcode, length = read_prefix(record, 0) if len(record) >= PREFIX_BYTES else (0, 0)
+    if opcode != Opcode.CHUNK or length != len(record) - PREFIX_BYTES:
         raise NoChunkError(path, chunk.offset, "the index says that a chunk starts here, but none does")
-    fields = Fields(record, path, chunk.offset, records.PREFIX_BYTES)
-    head = records.chunk_head(fields)
+    fields = Fields(record, path, chunk.offset, PREFIX_BYTES)
+    head = records.CHUNK_HEAD.read(fields)
     if head.records_length > len(record) - fields.at:  # a later version may add fields behind them
         raise DamagedFileError(path, chunk.offset, "a chunk whose content is longer than its record")
     said = (chunk.compression, chunk.compressed_size, chunk.uncompressed_size)
@@ -217,14 +204,14 @@ def _scan_stretch(
         at = _take_messages(data, at, entries)
         if at == len(data):
             break
-        opcode, fields = records.one(data, at, path, 0)
+        opcode, fields = record_at(data, at, path, 0)
         if opcode == Opcode.MESSAGE:
             fields.refuse("a message that is shorter than any")
         elif opcode == Opcode.SCHEMA:
-            schema = records.schema(fields)
+            schema = records.SCHEMA.read(fields)
             schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
-            channel = records.channel(fields)
+            channel = records.CHANNEL.read(fields)
             channels[channel.id] = channel
         at = fields.end
 
@@ -291,11 +278,11 @@ def _gaps(data: bytes, messages: Sequence[Messages]) -> Iterator[tuple[int, int]
 
 def _take_messages(data: Bytes, at: int, entries: dict[int, array[int]]) -> int:
     """Note the times and places of the messages that lie one behind the other here; returns where they end."""
-    unpack, last = _MESSAGE_START.unpack_from, len(data) - MESSAGE_HEAD.itemsize
+    unpack, last = _MESSAGE_START.unpack_from, len(data) - MESSAGE_HEAD_BYTES
     while at <= last:
         opcode, length, channel_id, time_ns = unpack(data, at)
-        end = at + records.PREFIX_BYTES + length
-        if opcode != Opcode.MESSAGE or length < _FIXED or end > len(data):
+        end = at + PREFIX_BYTES + length
+        if opcode != Opcode.MESSAGE or length < MESSAGE_FIXED_BYTES or end > len(data):
             break
         found = entries.get(channel_id)
         if found is None:
@@ -338,16 +325,17 @@ def gather(data: bytes, index: MessageIndex, chunk: Chunk, path: str) -> Message
         DamagedFileError: An entry points to something else than a message of that channel and time, or two to one.
     """
     heads, starts = _heads(data, index, chunk, path)
-    ends = starts + records.PREFIX_BYTES + heads["length"].astype(np.int64)
+    ends = starts + PREFIX_BYTES + heads["length"].astype(np.int64)
     sound = (heads["opcode"] == Opcode.MESSAGE) & (heads["channel"] == index.channel_id)
-    sound &= (heads["time"] == index.times_ns) & (heads["length"] >= _FIXED) & (heads["length"] <= len(data))
+    sound &= (heads["log_time"] == index.times_ns) & (heads["length"] >= MESSAGE_FIXED_BYTES)
+    sound &= heads["length"] <= len(data)
     sound &= ends <= len(data)
     if not sound.all() or not _lie_apart(starts, ends):
         raise DamagedFileError(path, chunk.offset, "a message index that contradicts its chunk")
     return Messages(
         channel_id=index.channel_id,
         times_ns=index.times_ns,
-        published_ns=heads["published"].astype(np.uint64),
+        published_ns=heads["publish_time"].astype(np.uint64),
         sequences=heads["sequence"].astype(np.uint32),
         offsets=starts,
         ends=ends,
@@ -358,7 +346,7 @@ def gather(data: bytes, index: MessageIndex, chunk: Chunk, path: str) -> Message
 def _heads(
     data: bytes, index: MessageIndex, chunk: Chunk, path: str
 ) -> tuple[npt.NDArray[np.void], npt.NDArray[np.int64]]:
-    room = len(data) - MESSAGE_HEAD.itemsize
+    room = len(data) - MESSAGE_HEAD_BYTES
     if len(index.offsets) and int(index.offsets.max()) > room:
         raise DamagedFileError(path, chunk.offset, "a message index that points behind its chunk")
     starts = index.offsets.astype(np.int64)

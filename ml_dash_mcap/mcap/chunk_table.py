@@ -11,14 +11,16 @@ from typing import overload
 import numpy as np
 import numpy.typing as npt
 
-from .records import ENTRY_BYTES, PREFIX_BYTES, Chunk
+from .message_records import ENTRY_BYTES, MESSAGE_INDEX_HEAD
+from .record_layout import PREFIX_BYTES
+from .records import Chunk
 
 NUMBERS = np.dtype(
     [(name, np.uint64) for name in ("start_ns", "end_ns", "offset", "length", "index_bytes", "packed", "unpacked")]
 )
 """What is known of each chunk besides its message indexes; times in ns, the rest in bytes."""
 
-_INDEX_BYTES = PREFIX_BYTES + 2 + 4
+_INDEX_BYTES = PREFIX_BYTES + MESSAGE_INDEX_HEAD.size
 """A message index without entries."""
 
 _LAST = 2**64 - 1

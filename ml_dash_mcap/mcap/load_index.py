@@ -12,7 +12,7 @@ from . import file_index, records, scan, summary, trailing_bytes
 from .file_index import FileIndex, Glance
 from .limits import Limits
 from .losses import Loss
-from .record_fields import Fields
+from .record_layout import PREFIX_BYTES, Fields, read_prefix
 from .records import Header, Opcode
 
 _HEAD_BYTES = 4096
@@ -30,7 +30,7 @@ def glance(source: Source, limits: Limits, *, is_new: bool) -> Glance | None:
     if started is None or found is None:
         return None
     try:
-        header = records.header(started)
+        header = records.HEADER.read(started)
     except DamagedFileError:
         return None
     return summary.glance(source, size, header, found, limits)
@@ -89,7 +89,7 @@ def by_walking(source: Source, limits: Limits, known: FileIndex) -> FileIndex:
 def _header(content: Fields, path: str, salvages: bool) -> tuple[Header, tuple[Loss, ...]]:
     """Return a file's header, and what is lost of it: what only it says matters to nobody."""
     try:
-        return records.header(content), ()
+        return records.HEADER.read(content), ()
     except DamagedFileError as error:
         if not salvages:
             raise
@@ -121,19 +121,19 @@ def _start(source: Source, size: int, is_new: bool) -> Fields | None:
     """Return the content of a file's header; None while it has none."""
     head = source.read(0, min(size, _HEAD_BYTES))
     magic = head[: len(records.MAGIC)]
-    if is_new and records.MAGIC.startswith(magic) and len(head) < len(records.MAGIC) + records.PREFIX_BYTES:
+    if is_new and records.MAGIC.startswith(magic) and len(head) < len(records.MAGIC) + PREFIX_BYTES:
         return None
     if not head:
         raise DamagedFileError(source.name, 0, "the file is empty")
     if magic != records.MAGIC:
         raise DamagedFileError(source.name, 0, f"this is no MCAP file: it starts with {magic!r}")
     at = len(records.MAGIC)
-    opcode, length = records.prefix(head, at) if len(head) >= at + records.PREFIX_BYTES else (0, 0)
-    end = at + records.PREFIX_BYTES + length
+    opcode, length = read_prefix(head, at) if len(head) >= at + PREFIX_BYTES else (0, 0)
+    end = at + PREFIX_BYTES + length
     if opcode == Opcode.HEADER and len(head) < end <= min(size, _MOST_HEADER_BYTES):
         head = source.read(0, end)
     if opcode != Opcode.HEADER or end > len(head):
         if is_new and end > size:
             return None
         raise DamagedFileError(source.name, at, "an MCAP file without a header")
-    return Fields(head, source.name, 0, at + records.PREFIX_BYTES, end)
+    return Fields(head, source.name, 0, at + PREFIX_BYTES, end)

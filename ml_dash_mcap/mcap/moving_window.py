@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from ..errors import DamagedFileError
 from ..store.file_source import Source
-from . import records
 from .limits import Limits, too_long
-from .record_fields import Fields
+from .record_layout import PREFIX_BYTES, Fields
 
 _WINDOW_BYTES = 16 * 1024
 
@@ -58,5 +57,5 @@ class Window:
             length = min(length, at_most)
         if length > self._limits.record_bytes:
             raise DamagedFileError(self.source.name, at, too_long("a record", length, self._limits))
-        start = at + records.PREFIX_BYTES
+        start = at + PREFIX_BYTES
         return Fields(self.bytes(start, length), self.source.name, start)

@@ -9,9 +9,9 @@ from zlib import crc32
 from ..errors import DamagedFileError
 from ..store.file_source import Source
 from . import records
-from .chunk_reader import MESSAGE_HEAD
 from .limits import MIB, Limits, of_file
-from .record_fields import Fields
+from .message_records import MESSAGE_FIXED_BYTES
+from .record_layout import PREFIX_BYTES, Fields, read_prefix
 from .records import Chunk, ChunkHead, Opcode
 
 _PIECE = MIB
@@ -47,12 +47,12 @@ def read(source: Source, chunk: Chunk, limits: Limits) -> Rest:
         DamagedFileError: It is damaged besides.
     """
     name = source.name
-    front = source.read(chunk.offset, min(chunk.length, records.PREFIX_BYTES + records.CHUNK_HEAD_BYTES))
-    opcode, length = records.prefix(front, 0) if len(front) >= records.PREFIX_BYTES else (0, 0)
-    if opcode != Opcode.CHUNK or length != chunk.length - records.PREFIX_BYTES:
+    front = source.read(chunk.offset, min(chunk.length, PREFIX_BYTES + records.CHUNK_HEAD_BYTES))
+    opcode, length = read_prefix(front, 0) if len(front) >= PREFIX_BYTES else (0, 0)
+    if opcode != Opcode.CHUNK or length != chunk.length - PREFIX_BYTES:
         raise DamagedFileError(name, chunk.offset, "the index says that a chunk starts here, but none does")
-    fields = Fields(front, name, chunk.offset, records.PREFIX_BYTES)
-    head = records.chunk_head(fields)
+    fields = Fields(front, name, chunk.offset, PREFIX_BYTES)
+    head = records.CHUNK_HEAD.read(fields)
     if fields.at + head.records_length > chunk.length:
         raise DamagedFileError(name, chunk.offset, "a chunk whose content is longer than its record")
     most = max(MOST_BYTES, limits.ratio * head.records_length)
@@ -76,10 +76,10 @@ def _walk(stream: _Stream, room: int) -> Rest:
     kept = bytearray()
     lost: dict[int, int] = {}
     for _ in range(MOST_RECORDS):
-        start = stream.take(records.PREFIX_BYTES)
-        if len(start) < records.PREFIX_BYTES:
+        start = stream.take(PREFIX_BYTES)
+        if len(start) < PREFIX_BYTES:
             return Rest(bytes(kept), lost, stream.is_at_end and not start)
-        opcode, length = records.prefix(start, 0)
+        opcode, length = read_prefix(start, 0)
         if opcode == 0:  # "0x00 is not a valid opcode"
             raise DamagedFileError("", 0, "a chunk with damaged records (one with the opcode 0)")
         if opcode in _KEPT and len(kept) + len(start) + length <= room:
@@ -90,7 +90,7 @@ def _walk(stream: _Stream, room: int) -> Rest:
             kept += body
             continue
         if opcode == Opcode.MESSAGE:
-            if length < MESSAGE_HEAD.itemsize - records.PREFIX_BYTES:
+            if length < MESSAGE_FIXED_BYTES:
                 raise DamagedFileError("", 0, "a chunk with damaged records (a message that is shorter than any)")
             channel_id = int.from_bytes(stream.take(2), "little")
             lost[channel_id] = lost.get(channel_id, 0) + 1

@@ -1,29 +1,21 @@
-"""MCAP records from bytes that may be hostile (layouts: https://mcap.dev/spec, section "Records").
+"""The records of an MCAP file and the layout of each, for reading and for writing (https://mcap.dev/spec, "Records").
 
-"Records may be extended by adding new fields at the end of existing fields. Readers should ignore any unknown fields.":
-whatever follows the last field that is read here does not matter. Only a Footer and a Message are never extended.
+Message and MessageIndex records are in `message_records`: there are too many of them to go field by field. A record is
+read by `SCHEMA.read(fields)` and written by `SCHEMA.pack(schema)`. Whether our reader and our writer are both wrong is
+told by bytes that the tests lay out by hand, and by other tools.
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from ..errors import DamagedFileError
-from .record_fields import Bytes as Bytes
-from .record_fields import Fields as Fields
+from ..file_names import BLOCK_OPCODE
+from .record_layout import DATA, NUMBER_MAP, PREFIX_BYTES, TEXT, TEXT_MAP, U8, U16, U32, U64, Fields, Kind, Layout
 
 MAGIC = b"\x89MCAP0\r\n"
-PREFIX_BYTES = 9
-"""A record starts with its opcode (1 byte) and the length of what follows (8 bytes)."""
-
-ENTRY_BYTES = 16
-"""One entry of a message index."""
 
 FOOTER_BYTES = PREFIX_BYTES + 20
 """A footer, with its prefix."""
@@ -31,7 +23,9 @@ FOOTER_BYTES = PREFIX_BYTES + 20
 CRC_BYTES = 4
 """What follows an attachment's data."""
 
-CHUNK_HEAD_BYTES = 8 + 8 + 8 + 4 + 4 + 32 + 8
+_USUAL_NAME_BYTES = 32
+
+CHUNK_HEAD_BYTES = 8 + 8 + 8 + 4 + 4 + _USUAL_NAME_BYTES + 8
 """Enough of a chunk's content to hold everything before its records, for a compression name of up to 32 bytes."""
 
 FIRST_PRIVATE = 0x80
@@ -39,8 +33,6 @@ FIRST_PRIVATE = 0x80
 
 LOOSE = "\0loose"
 """Stands for the compression of messages that lie in the file outside any chunk."""
-
-_PREFIX = struct.Struct("<BQ")
 
 
 class Opcode(IntEnum):
@@ -131,19 +123,13 @@ class ChunkHead:
     uncompressed_size: int
     uncompressed_crc: int
     compression: str
-    records_at: int
-    """Where the (compressed) records start, from the start of the chunk's content, in bytes."""
     records_length: int
+    """Of the compressed records, in bytes."""
 
-
-@dataclass(frozen=True, slots=True)
-class MessageIndex:
-    """Where the messages of one channel lie in a chunk."""
-
-    channel_id: int
-    times_ns: npt.NDArray[np.uint64]
-    offsets: npt.NDArray[np.uint64]
-    """From the start of the chunk's uncompressed records, in bytes."""
+    @property
+    def records_at(self) -> int:
+        """Where the compressed records start, from the start of the chunk's content, in bytes."""
+        return CHUNK_HEAD_BYTES - _USUAL_NAME_BYTES + len(self.compression.encode())
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,158 +196,121 @@ class Footer:
     summary_crc: int
 
 
-def prefix(data: Bytes, at: int) -> tuple[int, int]:
-    """Return the opcode and the content's length of the record that starts at `at`; its 9 bytes must be there."""
-    opcode, length = _PREFIX.unpack_from(data, at)
-    return opcode, length
+@dataclass(frozen=True, slots=True)
+class DataEnd:
+    """The end of the data section."""
+
+    data_section_crc: int
+    """The checksum (CRC-32) of everything before it; 0 for none, as in our files: schemas are rewritten in place."""
 
 
-def split(data: Bytes, path: str, base: int) -> Iterator[tuple[int, int, Fields]]:
-    """Walk records that lie one behind the other and fill `data`.
+@dataclass(frozen=True, slots=True)
+class BlockEnd:
+    """A private record behind the chunks of one block of a recorder: see `file_names.BLOCK_OPCODE`."""
 
-    Yields:
-        Opcode, offset in the file, content.
-
-    Raises:
-        DamagedFileError: The records do not end where `data` ends.
-    """
-    at = 0
-    while at < len(data):
-        opcode, fields = one(data, at, path, base)
-        yield opcode, base + at, fields
-        at = fields.end
+    number: int
 
 
-def one(data: Bytes, at: int, path: str, base: int) -> tuple[int, Fields]:
-    """Return the opcode and the content of the record that starts at `at`, which is `base + at` in the file.
-
-    Raises:
-        DamagedFileError: It does not end where `data` ends, or before.
-    """
-    content = at + PREFIX_BYTES
-    if len(data) < content:
-        raise DamagedFileError(path, base + at, f"{len(data) - at} bytes where a record should start")
-    opcode, length = prefix(data, at)
-    if length > len(data) - content:
-        raise DamagedFileError(path, base + at, f"a record of {length} bytes where {len(data) - content} are left")
-    return opcode, Fields(data, path, base, content, content + length)
-
-
-def header(fields: Fields) -> Header:
-    """Read a Header's content."""
-    return Header(profile=fields.text(), library=fields.text())
-
-
-def schema(fields: Fields) -> Schema:
-    """Read a Schema's content."""
-    return Schema(id=fields.u16(), name=fields.text(), encoding=fields.text(), data=fields.raw(fields.u32()))
-
-
-def channel(fields: Fields) -> Channel:
-    """Read a Channel's content."""
-    return Channel(
-        id=fields.u16(),
-        schema_id=fields.u16(),
-        topic=fields.text(),
-        message_encoding=fields.text(),
-        metadata=fields.texts(),
-    )
-
-
-def chunk_head(fields: Fields) -> ChunkHead:
-    """Read the start of a Chunk's content."""
-    start = fields.at
-    start_ns, end_ns, size, crc = fields.u64(), fields.u64(), fields.u64(), fields.u32()
-    compression = _compression(fields)
-    length = fields.u64()
-    return ChunkHead(start_ns, end_ns, size, crc, compression, fields.at - start, length)
-
-
-def message_index(fields: Fields) -> MessageIndex:
-    """Read a MessageIndex's content."""
-    channel_id = fields.u16()
-    times_ns, offsets = fields.entries()
-    return MessageIndex(channel_id, times_ns, offsets)
-
-
-def chunk_index(fields: Fields) -> Chunk:
-    """Read a ChunkIndex's content."""
-    start_ns, end_ns, offset, length = fields.u64(), fields.u64(), fields.u64(), fields.u64()
-    message_index_offsets = fields.numbers()
-    message_index_length = fields.u64()
-    return Chunk(
-        offset=offset,
-        length=length,
-        start_ns=start_ns,
-        end_ns=end_ns,
-        compression=_compression(fields),
-        compressed_size=fields.u64(),
-        uncompressed_size=fields.u64(),
-        message_index_offsets=message_index_offsets,
-        message_index_length=message_index_length,
-        indexed=bool(message_index_offsets),
-    )
-
-
-def _compression(fields: Fields) -> str:
+def _chunk_compression(fields: Fields) -> str:
     name = fields.text()
     if name == LOOSE:
         fields.refuse(f"the compression {name!r}, which no chunk can have")
     return name
 
 
-def statistics(fields: Fields) -> Statistics:
-    """Read a Statistics record's content."""
-    message_count, schema_count, channel_count = fields.u64(), fields.u16(), fields.u32()
-    attachment_count, metadata_count, chunk_count = fields.u32(), fields.u32(), fields.u32()
-    return Statistics(
-        message_count=message_count,
-        schema_count=schema_count,
-        channel_count=channel_count,
-        chunk_count=chunk_count,
-        attachment_count=attachment_count,
-        metadata_count=metadata_count,
-        start_ns=fields.u64(),
-        end_ns=fields.u64(),
-        channel_message_counts=fields.numbers(),
-    )
+def _chunk(message_index_offsets: Mapping[int, int], **numbers: Any) -> Chunk:
+    return Chunk(message_index_offsets=message_index_offsets, indexed=bool(message_index_offsets), **numbers)
 
 
-def metadata(fields: Fields) -> Metadata:
-    """Read a Metadata record's content."""
-    return Metadata(name=fields.text(), values=fields.texts())
+_COMPRESSION = Kind(_chunk_compression, TEXT.write)
+
+HEADER = Layout(Opcode.HEADER, Header, profile=TEXT, library=TEXT)
+
+FOOTER = Layout(Opcode.FOOTER, Footer, summary_start=U64, summary_offset_start=U64, summary_crc=U32)
+
+SCHEMA = Layout(Opcode.SCHEMA, Schema, id=U16, name=TEXT, encoding=TEXT, data=DATA)
+
+CHANNEL = Layout(Opcode.CHANNEL, Channel, id=U16, schema_id=U16, topic=TEXT, message_encoding=TEXT, metadata=TEXT_MAP)
+
+CHUNK_HEAD = Layout(
+    Opcode.CHUNK,
+    ChunkHead,
+    start_ns=U64,
+    end_ns=U64,
+    uncompressed_size=U64,
+    uncompressed_crc=U32,
+    compression=_COMPRESSION,
+    records_length=U64,
+)
+"""The records follow."""
+
+CHUNK_INDEX = Layout(
+    Opcode.CHUNK_INDEX,
+    _chunk,
+    start_ns=U64,
+    end_ns=U64,
+    offset=U64,
+    length=U64,
+    message_index_offsets=NUMBER_MAP,
+    message_index_length=U64,
+    compression=_COMPRESSION,
+    compressed_size=U64,
+    uncompressed_size=U64,
+)
+
+ATTACHMENT_HEAD = Layout(
+    Opcode.ATTACHMENT,
+    AttachmentEntry,
+    log_time_ns=U64,
+    create_time_ns=U64,
+    name=TEXT,
+    media_type=TEXT,
+    data_size=U64,
+)
+"""The data and their checksum follow. Reading wants the `offset` and the `length` of the record besides."""
+
+ATTACHMENT_INDEX = Layout(
+    Opcode.ATTACHMENT_INDEX,
+    AttachmentEntry,
+    offset=U64,
+    length=U64,
+    log_time_ns=U64,
+    create_time_ns=U64,
+    data_size=U64,
+    name=TEXT,
+    media_type=TEXT,
+)
+
+STATISTICS = Layout(
+    Opcode.STATISTICS,
+    Statistics,
+    message_count=U64,
+    schema_count=U16,
+    channel_count=U32,
+    attachment_count=U32,
+    metadata_count=U32,
+    chunk_count=U32,
+    start_ns=U64,
+    end_ns=U64,
+    channel_message_counts=NUMBER_MAP,
+)
+
+METADATA = Layout(Opcode.METADATA, Metadata, name=TEXT, values=TEXT_MAP)
+
+METADATA_INDEX = Layout(Opcode.METADATA_INDEX, MetadataEntry, offset=U64, length=U64, name=TEXT)
+
+SUMMARY_OFFSET = Layout(Opcode.SUMMARY_OFFSET, SummaryOffset, opcode=U8, start=U64, length=U64)
+
+DATA_END = Layout(Opcode.DATA_END, DataEnd, data_section_crc=U32)
+
+BLOCK_END = Layout(BLOCK_OPCODE, BlockEnd, number=U64)
 
 
-def metadata_index(fields: Fields) -> MetadataEntry:
-    """Read a MetadataIndex's content."""
-    offset, length = fields.u64(), fields.u64()
-    return MetadataEntry(name=fields.text(), offset=offset, length=length)
+def file_start(library: str, profile: str = "") -> bytes:
+    """Return the bytes that a file begins with.
 
-
-def attachment(fields: Fields, offset: int, length: int) -> AttachmentEntry:
-    """Read the start of an Attachment's content, without its data."""
-    log_time_ns, create_time_ns = fields.u64(), fields.u64()
-    name, media_type = fields.text(), fields.text()
-    return AttachmentEntry(name, media_type, log_time_ns, create_time_ns, fields.u64(), offset, length)
-
-
-def attachment_index(fields: Fields) -> AttachmentEntry:
-    """Read an AttachmentIndex's content."""
-    offset, length, log_time_ns, create_time_ns = fields.u64(), fields.u64(), fields.u64(), fields.u64()
-    data_size = fields.u64()
-    return AttachmentEntry(fields.text(), fields.text(), log_time_ns, create_time_ns, data_size, offset, length)
-
-
-def summary_offset(fields: Fields) -> SummaryOffset:
-    """Read a SummaryOffset's content."""
-    return SummaryOffset(fields.u8(), fields.u64(), fields.u64())
-
-
-def data_end(fields: Fields) -> int:
-    """Read a DataEnd's content: the checksum (CRC-32) of everything before it; 0 for none."""
-    return fields.u32()
-
-
-def footer(fields: Fields) -> Footer:
-    """Read a Footer's content."""
-    return Footer(fields.u64(), fields.u64(), fields.u32())
+    Args:
+        library: Who writes it.
+        profile: What it says of the messages: "ros1", "ros2" or nothing.
+    """
+    return MAGIC + HEADER.pack(Header(profile, library))

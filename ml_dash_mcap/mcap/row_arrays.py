@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from . import record_bytes
+from .message_records import MESSAGE_HEAD, MESSAGE_HEAD_BYTES, message
+from .record_layout import PREFIX_BYTES
 
 Bytes = npt.NDArray[np.uint8]
 Numbers = npt.NDArray[np.int64]
@@ -59,7 +60,7 @@ class Rows:
 
     def payload(self, row: int) -> bytes:
         """Return one encoded row."""
-        return self.data[self.starts[row] + record_bytes.MESSAGE_HEAD : self.ends[row]].tobytes()
+        return self.data[self.starts[row] + MESSAGE_HEAD_BYTES : self.ends[row]].tobytes()
 
     def sequences(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.uint32]:
         """Return the sequence numbers of some rows, [n]."""
@@ -84,11 +85,11 @@ def pack(block: Block) -> Rows:
         begin = gap_end
     runs.append(block.data[begin : block.end])
     data = runs[0] if len(runs) == 1 else np.concatenate(runs)
-    heads = data[moved[:, None] + np.arange(record_bytes.MESSAGE_HEAD)].view(record_bytes.MESSAGE_HEAD_DTYPE).ravel()
+    heads = data[moved[:, None] + np.arange(MESSAGE_HEAD_BYTES)].view(MESSAGE_HEAD).ravel()
     return Rows(
         data,
         moved,
-        moved + heads["length"].astype(np.int64) + 9,
+        moved + heads["length"].astype(np.int64) + PREFIX_BYTES,
         heads["channel"].astype(np.int64),
         heads["log_time"].astype(np.int64),
         block.uniform,
@@ -143,10 +144,3 @@ def replaced(rows: Rows, keep: npt.NDArray[np.bool_], payloads: dict[int, tuple[
     piece_ends = np.cumsum(lengths)
     data = np.frombuffer(bytearray(b"".join(pieces)), np.uint8)
     return Rows(data, piece_ends - lengths, piece_ends, rows.channels[keep], times[keep])
-
-
-def message(channel: int, time_ns: int, payload: bytes) -> bytes:
-    """Return a Message record with sequence number 0."""
-    length = len(payload) + record_bytes.MESSAGE_LENGTH_EXCESS
-    head = record_bytes.pack_message_head(length, channel, 0, time_ns, time_ns)
-    return bytes((record_bytes.MESSAGE_OPCODE,)) + head + payload

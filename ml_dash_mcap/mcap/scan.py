@@ -15,6 +15,7 @@ from .file_index import FileIndex
 from .limits import Limits
 from .losses import Loss
 from .moving_window import Window
+from .record_layout import PREFIX_BYTES, read_prefix
 from .records import Chunk, Header, Opcode
 from .scan_result import Walked
 from .summary import Clues
@@ -22,7 +23,7 @@ from .summary import Clues
 _NOT_BEHIND_DATA = {Opcode.HEADER, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END}
 """Records that no file has behind its DataEnd."""
 
-_DATA_END_BYTES = records.PREFIX_BYTES + 4
+_DATA_END_BYTES = PREFIX_BYTES + 4
 
 
 class Walk:
@@ -109,12 +110,12 @@ class Walk:
     def _find_end(self) -> int | None:
         """Return where the file ends, behind its closing magic; None where it does not, or the walk stopped before."""
         at = self._end
-        while self._has_data_end and at + records.PREFIX_BYTES <= self.size:
-            opcode, length = records.prefix(self._window.bytes(at, records.PREFIX_BYTES), 0)
-            at += records.PREFIX_BYTES + length
+        while self._has_data_end and at + PREFIX_BYTES <= self.size:
+            opcode, length = read_prefix(self._window.bytes(at, PREFIX_BYTES), 0)
+            at += PREFIX_BYTES + length
             if opcode == Opcode.FOOTER:
                 end = at + len(records.MAGIC)
-                is_whole = end <= self.size and length == records.FOOTER_BYTES - records.PREFIX_BYTES
+                is_whole = end <= self.size and length == records.FOOTER_BYTES - PREFIX_BYTES
                 return end if is_whole and self._window.bytes(at, len(records.MAGIC)) == records.MAGIC else None
             if not opcode:
                 return None
@@ -146,9 +147,9 @@ class Walk:
         """Take in records; returns what is wrong with the one that it stopped at, if something is."""
         self._end = at
         while at < self.size:
-            is_short = self.size - at < records.PREFIX_BYTES
-            opcode, length = (0, 0) if is_short else records.prefix(self._window.bytes(at, records.PREFIX_BYTES), 0)
-            end = at + records.PREFIX_BYTES + length
+            is_short = self.size - at < PREFIX_BYTES
+            opcode, length = (0, 0) if is_short else read_prefix(self._window.bytes(at, PREFIX_BYTES), 0)
+            end = at + PREFIX_BYTES + length
             if is_short or (opcode and end > self.size):
                 return None if self._is_new else "cut off in the middle of a record"
             if not opcode:

@@ -11,7 +11,9 @@ from ..file_names import BLOCK_OPCODE
 from . import records
 from .chunk_reader import Scan
 from .file_index import FileIndex
+from .message_records import ENTRY_BYTES, MESSAGE_FIELDS, MESSAGE_FIXED_BYTES, MESSAGE_INDEX_HEAD
 from .moving_window import Window
+from .record_layout import PREFIX_BYTES, read_prefix
 from .records import AttachmentEntry, Channel, Chunk, MetadataEntry, Opcode, Schema
 
 _LOOSE_BYTES = 4 * 1024 * 1024
@@ -79,18 +81,18 @@ class Walked:
         elif opcode == Opcode.MESSAGE:
             self._take_loose_message(at, length)
         elif opcode == Opcode.SCHEMA:
-            schema = records.schema(self._window.content(at, length))
+            schema = records.SCHEMA.read(self._window.content(at, length))
             self.schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
-            channel = records.channel(self._window.content(at, length))
+            channel = records.CHANNEL.read(self._window.content(at, length))
             self.channels[channel.id] = channel
         elif opcode == Opcode.METADATA:
-            name = records.metadata(self._window.content(at, length)).name
-            self.metadata.append(MetadataEntry(name, at, records.PREFIX_BYTES + length))
+            name = records.METADATA.read(self._window.content(at, length)).name
+            self.metadata.append(MetadataEntry(name, at, PREFIX_BYTES + length))
         elif opcode == Opcode.ATTACHMENT:
             start = self._window.content(at, length, at_most=_ATTACHMENT_HEAD_BYTES)
             first = start.at
-            found = records.attachment(start, at, records.PREFIX_BYTES + length)
+            found = records.ATTACHMENT_HEAD.read(start, offset=at, length=PREFIX_BYTES + length)
             if start.at - first + found.data_size + records.CRC_BYTES > length:
                 raise DamagedFileError(self._window.source.name, at, "an attachment that is longer than its record")
             self.attachments.append(found)
@@ -135,13 +137,13 @@ class Walked:
 
     def _take_chunk(self, at: int, length: int) -> None:
         self.settle()
-        head = records.chunk_head(self._window.content(at, length, at_most=records.CHUNK_HEAD_BYTES))
+        head = records.CHUNK_HEAD.read(self._window.content(at, length, at_most=records.CHUNK_HEAD_BYTES))
         self._check_end("a chunk", at, length, head.records_at + head.records_length)
         self._offsets, self._counts = {}, {}
         self.chunks.append(
             Chunk(
                 offset=at,
-                length=records.PREFIX_BYTES + length,
+                length=PREFIX_BYTES + length,
                 start_ns=head.start_ns,
                 end_ns=head.end_ns,
                 compression=head.compression,
@@ -166,7 +168,7 @@ class Walked:
         """
         if used == length:
             return
-        fields_end, end = at + records.PREFIX_BYTES + used, at + records.PREFIX_BYTES + length
+        fields_end, end = at + PREFIX_BYTES + used, at + PREFIX_BYTES + length
         if used > length or self._hides(fields_end, end) or not self._is_extended(fields_end, end):
             raise DamagedFileError(
                 self._window.source.name, at, f"{what} whose record and content have different lengths"
@@ -186,10 +188,10 @@ class Walked:
     def _fits(self, at: int) -> bool:
         """Whether a record that lies in the file starts somewhere, or the file ends there."""
         room = self._window.size - at
-        if room < records.PREFIX_BYTES:
+        if room < PREFIX_BYTES:
             return room == 0
-        length = records.prefix(self._window.bytes(at, records.PREFIX_BYTES), 0)[1]
-        return self._is_opcode(at) and length <= room - records.PREFIX_BYTES
+        length = read_prefix(self._window.bytes(at, PREFIX_BYTES), 0)[1]
+        return self._is_opcode(at) and length <= room - PREFIX_BYTES
 
     def _is_opcode(self, at: int) -> bool:
         if at >= self._window.size:
@@ -198,12 +200,12 @@ class Walked:
         return opcode in _KNOWN or opcode >= records.FIRST_PRIVATE
 
     def _take_message_index(self, at: int, length: int) -> None:
-        fields = self._window.content(at, length, at_most=6)
-        channel_id, entries_length = fields.u16(), fields.u32()
-        if entries_length % records.ENTRY_BYTES:
+        head = self._window.content(at, length, at_most=MESSAGE_INDEX_HEAD.size)
+        channel_id, entries_length = head.numbers(MESSAGE_INDEX_HEAD)
+        if entries_length % ENTRY_BYTES:
             what = "a message index whose length contradicts itself"
             raise DamagedFileError(self._window.source.name, at, what)
-        self._check_end("a message index", at, length, 6 + entries_length)
+        self._check_end("a message index", at, length, MESSAGE_INDEX_HEAD.size + entries_length)
         last = self.chunks[-1] if self.chunks else None
         if last is None or last.compression == records.LOOSE:
             return
@@ -212,15 +214,14 @@ class Walked:
             self.doubt()
             return
         self._offsets[channel_id] = at
-        self._counts.setdefault(channel_id, entries_length // 16)
-        end = at + records.PREFIX_BYTES + length
+        self._counts.setdefault(channel_id, entries_length // ENTRY_BYTES)
+        end = at + PREFIX_BYTES + length
         self.chunks[-1] = replace(last, message_index_length=end - last.end, counts=self._counts)
 
     def _take_loose_message(self, at: int, length: int) -> None:
-        fields = self._window.content(at, length, at_most=22)
-        channel_id, _sequence, time_ns = fields.u16(), fields.u32(), fields.u64()
-        fields.u64()
-        total = records.PREFIX_BYTES + length
+        head = self._window.content(at, length, at_most=MESSAGE_FIXED_BYTES)
+        channel_id, _sequence, time_ns, _published_ns = head.numbers(MESSAGE_FIELDS)
+        total = PREFIX_BYTES + length
         last = self.chunks[-1] if self.chunks else None
         goes_on = last is not None and last.compression == records.LOOSE and last.end == at
         if last is None or not goes_on or last.length + total > _LOOSE_BYTES:

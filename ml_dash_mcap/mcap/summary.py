@@ -14,10 +14,10 @@ from ..errors import DamagedFileError
 from ..store.file_source import Source
 from . import chunk_table, records
 from .chunk_indexes import ChunkIndexes
-from .chunk_reader import MESSAGE_HEAD
 from .file_index import FileIndex, Glance
 from .limits import Limits
-from .record_fields import Fields
+from .message_records import MESSAGE_HEAD_BYTES
+from .record_layout import PREFIX_BYTES, Fields, read_prefix, split_records
 from .records import (
     AttachmentEntry,
     Channel,
@@ -47,10 +47,10 @@ def footer(source: Source, size: int) -> Footer | None:
     tail = source.read(start, _TAIL_BYTES)
     if len(tail) < _TAIL_BYTES or not tail.endswith(records.MAGIC):
         return None
-    opcode, length = records.prefix(tail, 0)
-    if opcode != Opcode.FOOTER or length != records.FOOTER_BYTES - records.PREFIX_BYTES:
+    opcode, length = read_prefix(tail, 0)
+    if opcode != Opcode.FOOTER or length != records.FOOTER_BYTES - PREFIX_BYTES:
         return None
-    return records.footer(Fields(tail, source.name, start, records.PREFIX_BYTES))
+    return records.FOOTER.read(Fields(tail, source.name, start, PREFIX_BYTES))
 
 
 def read(source: Source, size: int, header: Header, found: Footer, limits: Limits) -> FileIndex | None:
@@ -131,10 +131,10 @@ def contents(source: Source, size: int, found: Footer, limits: Limits) -> Conten
     data = data[: end - start]
     said.take(memoryview(data), start)
     said.chunks = said.indexes.chunks(start)
-    for opcode, at, fields in records.split(data, source.name, start):
+    for opcode, at, fields in split_records(data, source.name, start):
         if opcode == Opcode.SUMMARY_OFFSET:
-            said.offsets.append(records.summary_offset(fields))
-        length = records.PREFIX_BYTES + fields.end - fields.start
+            said.offsets.append(records.SUMMARY_OFFSET.read(fields))
+        length = PREFIX_BYTES + fields.end - fields.start
         last = said.groups[-1] if said.groups else None
         if last is not None and last[0] == opcode:
             said.groups[-1] = (opcode, last[1], last[2] + length)
@@ -181,8 +181,8 @@ def _is_plausible(found: Footer, size: int, limits: Limits) -> bool:
 def _groups(data: memoryview, path: str, base: int) -> list[tuple[int, int, int]]:
     """Return the opcode, offset and length of each group of a summary."""
     found = [
-        records.summary_offset(fields)
-        for opcode, _, fields in records.split(data, path, base)
+        records.SUMMARY_OFFSET.read(fields)
+        for opcode, _, fields in split_records(data, path, base)
         if opcode == Opcode.SUMMARY_OFFSET
     ]
     return [(one.opcode, one.start, one.length) for one in found]
@@ -220,17 +220,17 @@ class Contents:
         """
         for opcode, _, fields in self.indexes.split(data, start):
             if opcode == Opcode.SCHEMA:
-                schema = records.schema(fields)
+                schema = records.SCHEMA.read(fields)
                 self.schemas[schema.id] = schema
             elif opcode == Opcode.CHANNEL:
-                channel = records.channel(fields)
+                channel = records.CHANNEL.read(fields)
                 self.channels[channel.id] = channel
             elif opcode == Opcode.METADATA_INDEX:
-                self.metadata.append(records.metadata_index(fields))
+                self.metadata.append(records.METADATA_INDEX.read(fields))
             elif opcode == Opcode.ATTACHMENT_INDEX:
-                self.attachments.append(records.attachment_index(fields))
+                self.attachments.append(records.ATTACHMENT_INDEX.read(fields))
             elif opcode == Opcode.STATISTICS:
-                self.statistics = records.statistics(fields)
+                self.statistics = records.STATISTICS.read(fields)
 
     def check_apart(self, end: int) -> None:
         """Sort what is in the file by where it lies, and check that nothing does twice, nor behind `end`.
@@ -275,7 +275,7 @@ class Contents:
         """Whether it says enough to find every message, channel, metadata record and attachment."""
         said = self.statistics
         room = chunk_table.unpacked_bytes(self.chunks, limits.chunk_bytes)
-        if said is None or said.chunk_count != len(self.chunks) or said.message_count * MESSAGE_HEAD.itemsize > room:
+        if said is None or said.chunk_count != len(self.chunks) or said.message_count * MESSAGE_HEAD_BYTES > room:
             return False
         return (
             chunk_table.channels(self.chunks) <= set(self.channels) and self.knows_channels() and self.knows_entries()

@@ -9,7 +9,7 @@ from zlib import crc32
 from .. import clock
 from ..errors import DamagedFileError
 from ..mcap import records
-from ..mcap.record_fields import Fields
+from ..mcap.record_layout import PREFIX_BYTES, Fields, read_prefix
 from ..mcap.records import AttachmentEntry, Opcode
 from .file import File
 from .lazy_mapping import Lookup
@@ -49,13 +49,13 @@ class Attachment:
         if at + length > source.size():
             raise DamagedFileError(source.name, at, f"the attachment {self.name!r} ends behind the end of the file")
         record = source.read(at, length)
-        opcode, content = records.prefix(record, 0) if length >= records.PREFIX_BYTES else (0, 0)
-        if opcode != Opcode.ATTACHMENT or content != length - records.PREFIX_BYTES:
+        opcode, content = read_prefix(record, 0) if length >= PREFIX_BYTES else (0, 0)
+        if opcode != Opcode.ATTACHMENT or content != length - PREFIX_BYTES:
             raise DamagedFileError(source.name, at, "the index says that an attachment starts here, but none does")
-        fields = Fields(record, source.name, at, records.PREFIX_BYTES)
-        found = records.attachment(fields, at, length)
+        fields = Fields(record, source.name, at, PREFIX_BYTES)
+        found = records.ATTACHMENT_HEAD.read(fields, offset=at, length=length)
         data = fields.raw(found.data_size)
-        checked = memoryview(record)[records.PREFIX_BYTES : fields.at]  # later versions may add fields behind it
+        checked = memoryview(record)[PREFIX_BYTES : fields.at]  # later versions may add fields behind it
         expected = fields.u32()
         if expected and crc32(checked) != expected:
             raise DamagedFileError(
@@ -113,11 +113,11 @@ def _is_there(file: File, entry: AttachmentEntry) -> bool:
     """Whether an attachment starts where an index says, and says the same of itself."""
     try:
         data = file.source.read(entry.offset, min(entry.length, _HEAD_BYTES))
-        if len(data) < records.PREFIX_BYTES or records.prefix(data, 0)[0] != Opcode.ATTACHMENT:
+        if len(data) < PREFIX_BYTES or read_prefix(data, 0)[0] != Opcode.ATTACHMENT:
             return False
-        length = records.PREFIX_BYTES + records.prefix(data, 0)[1]
-        fields = Fields(data, file.source.name, entry.offset, records.PREFIX_BYTES)
-        return entry == records.attachment(fields, entry.offset, length)
+        length = PREFIX_BYTES + read_prefix(data, 0)[1]
+        fields = Fields(data, file.source.name, entry.offset, PREFIX_BYTES)
+        return entry == records.ATTACHMENT_HEAD.read(fields, offset=entry.offset, length=length)
     except DamagedFileError:
         return entry.length > _HEAD_BYTES  # its names are too long to be looked at here
 
@@ -125,12 +125,12 @@ def _is_there(file: File, entry: AttachmentEntry) -> bool:
 def _walk(file: File) -> Iterator[AttachmentEntry]:
     source, at = file.source, len(records.MAGIC)
     size = source.size()
-    while at + records.PREFIX_BYTES <= size:
-        opcode, length = records.prefix(source.read(at, records.PREFIX_BYTES), 0)
-        content, end = at + records.PREFIX_BYTES, at + records.PREFIX_BYTES + length
+    while at + PREFIX_BYTES <= size:
+        opcode, length = read_prefix(source.read(at, PREFIX_BYTES), 0)
+        content, end = at + PREFIX_BYTES, at + PREFIX_BYTES + length
         if opcode in (0, Opcode.DATA_END, Opcode.FOOTER) or end > size:
             return
         if opcode == Opcode.ATTACHMENT:
             start = Fields(source.read(content, min(length, _NAMES_BYTES)), source.name, content)
-            yield records.attachment(start, at, end - at)
+            yield records.ATTACHMENT_HEAD.read(start, offset=at, length=end - at)
         at = end

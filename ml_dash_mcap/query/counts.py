@@ -11,8 +11,8 @@ from .. import clock
 from ..codecs.decode import Decoder
 from ..errors import DamagedFileError, EncodingError
 from ..file_names import KIND_KEY, TRACK
-from ..mcap import chunk_reader as chunks
 from ..mcap.file_index import replanned
+from ..mcap.message_records import MESSAGE_HEAD_BYTES
 from ..mcap.records import Channel
 from ..rows.encode import TIME_KEY
 from . import plan, topic_rows
@@ -115,7 +115,7 @@ def payload_bytes(files: Sequence[File], topic: str) -> int:
         for id_ in index.channels_of(topic):
             if id_ in found:
                 places = np.searchsorted(starts, found[id_])
-                total += int((ends[places] - starts[places]).sum()) - len(places) * chunks.MESSAGE_HEAD.itemsize
+                total += int((ends[places] - starts[places]).sum()) - len(places) * MESSAGE_HEAD_BYTES
     return max(total, 0)  # whatever the indexes say
 
 

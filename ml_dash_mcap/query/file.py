@@ -22,8 +22,9 @@ from ..mcap.chunk_contents import Unpacking
 from ..mcap.chunk_reader import Messages
 from ..mcap.file_index import FileIndex, Glance, ReindexedError
 from ..mcap.losses import Loss, Losses
-from ..mcap.record_fields import Bytes, Fields
-from ..mcap.records import Chunk, MessageIndex, Opcode
+from ..mcap.message_records import MessageIndex
+from ..mcap.record_layout import PREFIX_BYTES, Bytes, Fields, read_prefix
+from ..mcap.records import Chunk, Opcode
 from ..store.file_source import LocalFile, Source
 from . import true_records
 
@@ -483,11 +484,11 @@ class File:
         if entry.length > self.limits.record_bytes:
             raise DamagedFileError(name, entry.offset, limits.too_long("a metadata record", entry.length, self.limits))
         data = self.source.read(entry.offset, entry.length)
-        length = len(data) - records.PREFIX_BYTES
-        if length < 0 or records.prefix(data, 0) != (Opcode.METADATA, length):
+        length = len(data) - PREFIX_BYTES
+        if length < 0 or read_prefix(data, 0) != (Opcode.METADATA, length):
             what = "the index says that a metadata record starts here, but none does"
             raise DamagedFileError(name, entry.offset, what)
-        found = records.metadata(Fields(data, name, entry.offset, records.PREFIX_BYTES))
+        found = records.METADATA.read(Fields(data, name, entry.offset, PREFIX_BYTES))
         if found.name != entry.name:
             self.note(entry.offset, f"the metadata index says that {entry.name!r} is here, but {found.name!r} is")
         return found

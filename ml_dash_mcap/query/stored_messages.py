@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ..mcap.chunk_reader import MESSAGE_HEAD, Messages
+from ..mcap.chunk_reader import Messages
 from ..mcap.file_index import ReindexedError
 from ..mcap.message import Connection, MessageBlock
-from ..mcap.records import LOOSE, Chunk
+from ..mcap.message_records import MESSAGE_HEAD_BYTES
+from ..mcap.records import LOOSE, AttachmentEntry, Chunk
 from ..store import read_ahead
 from . import attachments as found_attachments
 from . import plan
@@ -48,19 +49,12 @@ def channels(file: File) -> dict[int, Connection]:
     return found
 
 
-def attachments(file: File) -> Iterator[tuple[Iterator[bytes], dict[str, Any]]]:
-    """Yield a file's Attachment records, each in pieces, with what an index says of it besides its place."""
+def attachments(file: File) -> Iterator[tuple[Iterator[bytes], AttachmentEntry]]:
+    """Yield a file's Attachment records, each in pieces, with what an index says of it."""
     for entry in found_attachments.entries(file):
-        index = {
-            "log_time": entry.log_time_ns,
-            "create_time": entry.create_time_ns,
-            "data_size": entry.data_size,
-            "name": entry.name,
-            "media_type": entry.media_type,
-        }
         end = entry.offset + entry.length
         pieces = (file.source.read(at, min(_PIECE, end - at)) for at in range(entry.offset, end, _PIECE))
-        yield pieces, index
+        yield pieces, entry
 
 
 def chunks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int = LAST_NS) -> Iterator[StoredChunk]:
@@ -130,7 +124,7 @@ def block_of(parts: list[Messages]) -> MessageBlock:
     offsets = np.concatenate([one.offsets for one in parts])
     order = np.argsort(offsets, kind="stable")
     data = memoryview(parts[0].data)
-    starts = (offsets[order] + MESSAGE_HEAD.itemsize).tolist()
+    starts = (offsets[order] + MESSAGE_HEAD_BYTES).tolist()
     ends = np.concatenate([one.ends for one in parts])[order].tolist()
     return MessageBlock(
         numbers[order],

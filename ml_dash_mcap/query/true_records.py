@@ -13,6 +13,8 @@ from ..mcap import load_index, records, summary_check
 from ..mcap.chunk_reader import Contents
 from ..mcap.file_index import FileIndex
 from ..mcap.limits import Limits
+from ..mcap.message_records import ENTRY_BYTES, MESSAGE_INDEX_HEAD
+from ..mcap.record_layout import PREFIX_BYTES
 from ..mcap.records import Chunk, Opcode, Statistics
 from ..store import read_ahead
 from ..store.file_source import Source
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_HEAD_BYTES = records.PREFIX_BYTES + 2 + 4
+_HEAD_BYTES = PREFIX_BYTES + MESSAGE_INDEX_HEAD.size
 """A message index up to its entries."""
 
 
@@ -61,7 +63,7 @@ def are_times_right(source: Source, chunk: Chunk, limits: Limits) -> bool:
         if at + _HEAD_BYTES > len(data) or data[at] != Opcode.MESSAGE_INDEX:
             return False
         size = int.from_bytes(data[at + _HEAD_BYTES - 4 : at + _HEAD_BYTES], "little")
-        count = min(size, len(data) - at - _HEAD_BYTES) // records.ENTRY_BYTES
+        count = min(size, len(data) - at - _HEAD_BYTES) // ENTRY_BYTES
         times = np.frombuffer(data, np.uint64, 2 * count, at + _HEAD_BYTES)[::2]
         if count and not (chunk.start_ns <= times.min() and times.max() <= chunk.end_ns):
             return False

@@ -11,7 +11,8 @@ from pathlib import Path
 from ..capture.channels import ChannelInfo
 from ..errors import DamagedFileError
 from ..file_names import JOURNAL_FILE, JOURNAL_RECORD, KIND_KEY, TRACK
-from ..mcap import records as read
+from ..mcap.record_layout import PREFIX_BYTES, Fields, read_prefix
+from ..mcap.records import CHANNEL, MAGIC, METADATA, SCHEMA, Channel, Opcode, Schema
 
 
 @dataclass(slots=True)
@@ -32,24 +33,24 @@ class Leftover:
     extras: list[tuple[int, int]] = field(default_factory=list)
     channels: dict[int, ChannelInfo] = field(default_factory=dict)
 
-    def take(self, opcode: int, at: int, end: int, schemas: dict[int, read.Schema]) -> None:
+    def take(self, opcode: int, at: int, end: int, schemas: dict[int, Schema]) -> None:
         """Take in one record.
 
         Raises:
             DamagedFileError: It contradicts itself.
         """
-        if opcode == read.Opcode.MESSAGE:
+        if opcode == Opcode.MESSAGE:
             self.starts.append(at)
             return
-        fields = read.Fields(self.data, str(self.path), 0, at + read.PREFIX_BYTES, end)
-        if opcode == read.Opcode.SCHEMA:
-            schema = read.schema(fields)
+        fields = Fields(self.data, str(self.path), 0, at + PREFIX_BYTES, end)
+        if opcode == Opcode.SCHEMA:
+            schema = SCHEMA.read(fields)
             schemas[schema.id] = schema
-        elif opcode == read.Opcode.CHANNEL:
-            info = _channel_info(read.channel(fields), schemas)
+        elif opcode == Opcode.CHANNEL:
+            info = _channel_info(CHANNEL.read(fields), schemas)
             self.channels[info.number] = info
-        elif opcode == read.Opcode.METADATA:
-            found = read.metadata(fields)
+        elif opcode == Opcode.METADATA:
+            found = METADATA.read(fields)
             if found.name == JOURNAL_RECORD:
                 self.session, self.block = found.values["session"], int(found.values["block"])
             else:
@@ -74,14 +75,14 @@ def read_all(paths: list[Path], session: str) -> list[Leftover]:
 def _read_one(path: Path, session: str) -> Leftover | None:
     """Walk a buffer's records up to the first byte that begins none; None where nothing was recorded in it."""
     data = path.read_bytes()
-    if not data.startswith(read.MAGIC):
+    if not data.startswith(MAGIC):
         return None
-    found = Leftover(path, data, begin=len(read.MAGIC), end=len(read.MAGIC))
-    schemas: dict[int, read.Schema] = {}
-    while found.end + read.PREFIX_BYTES <= len(data):
+    found = Leftover(path, data, begin=len(MAGIC), end=len(MAGIC))
+    schemas: dict[int, Schema] = {}
+    while found.end + PREFIX_BYTES <= len(data):
         at = found.end
-        opcode, length = read.prefix(data, at)
-        end = at + read.PREFIX_BYTES + length
+        opcode, length = read_prefix(data, at)
+        end = at + PREFIX_BYTES + length
         if opcode == 0 or end > len(data):
             break
         try:
@@ -92,7 +93,7 @@ def _read_one(path: Path, session: str) -> Leftover | None:
     return found if found.session == session and (found.starts or found.extras) else None
 
 
-def _channel_info(channel: read.Channel, schemas: dict[int, read.Schema]) -> ChannelInfo:
+def _channel_info(channel: Channel, schemas: dict[int, Schema]) -> ChannelInfo:
     metadata = dict(channel.metadata)
     kind = metadata.pop(KIND_KEY, TRACK)
     schema = schemas[channel.schema_id]

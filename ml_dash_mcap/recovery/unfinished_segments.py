@@ -5,18 +5,18 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from mcap.records import Channel, ChunkIndex, MetadataIndex, Schema
 
 from ..errors import DamagedFileError
 from ..file_names import ABOUT_RECORD, ACTIVE_SUFFIX, BLOCK_OPCODE, SEGMENT_SUFFIX, STEPS_RECORD
 from ..mcap import chunk_reader as read_chunk
-from ..mcap import record_bytes
-from ..mcap import records as read
 from ..mcap.file_index import FileIndex
-from ..mcap.segment import Contents, Segment
+from ..mcap.file_writer import FileContents
+from ..mcap.message_records import MessageIndex, index_entries, pack_message_index
+from ..mcap.record_layout import PREFIX_BYTES, Fields, read_prefix
+from ..mcap.records import BLOCK_END, CHANNEL, MAGIC, SCHEMA, Chunk, Opcode, Schema
+from ..mcap.segment import Segment
 from ..query.file import File
 from ..query.topic_rows import LAST_NS
 
@@ -76,7 +76,7 @@ def finish(path: Path, journaled: Collection[int]) -> Path:
         if last is not None and not last.indexed:
             scan = read_chunk.scan(file.unpack(last), last, file.source.name)
             rebuilt = {number: _message_index(found) for number, found in scan.indexes.items()}
-            contents.counts = _add(contents.counts, scan.counts)
+            contents.count(scan.counts)
             size = last.end
         contents.metadata = [entry for entry in contents.metadata if entry.offset < size]
     finally:
@@ -93,11 +93,11 @@ def _whole_blocks(file: File) -> tuple[int, int]:
     for number in range(len(chunks), 0, -1):
         chunk = chunks[number - 1]
         at = chunk.end + chunk.message_index_length
-        opcode, length = read.prefix(file.source.read(at, read.PREFIX_BYTES).ljust(read.PREFIX_BYTES, b"\0"), 0)
+        opcode, length = read_prefix(file.source.read(at, PREFIX_BYTES).ljust(PREFIX_BYTES, b"\0"), 0)
         if chunk.indexed and (opcode, length) == (BLOCK_OPCODE, 8):
-            said = file.source.read(at + read.PREFIX_BYTES, 8)
-            if len(said) == 8:
-                return int.from_bytes(said, "little") + 1, number
+            content = file.source.read(at + PREFIX_BYTES, length)
+            if len(content) == length:
+                return BLOCK_END.read(Fields(content, file.source.name)).number + 1, number
     about = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
     return int(about.get("first_block", 0)), 0
 
@@ -108,7 +108,7 @@ def torn_chunk_bytes(path: Path) -> int:
     try:
         end, size = file.index.end, file.source.size()
         is_cut = not file.index.finished and end < size
-        return size - end if is_cut and file.source.read(end, 1) == bytes([read.Opcode.CHUNK]) else 0
+        return size - end if is_cut and file.source.read(end, 1) == bytes([Opcode.CHUNK]) else 0
     finally:
         file.close()
 
@@ -117,18 +117,18 @@ def _torn_schemas(file: File) -> dict[int, int]:
     """Return where those schemas lie, by id, that a crash cut while they were rewritten in place."""
     torn = {number for number, schema in file.index.schemas.items() if not _is_json(schema)}
     found: dict[int, int] = {}
-    at = len(read.MAGIC)
+    at = len(MAGIC)
     while torn - set(found) and at < file.index.end:
-        opcode, length = read.prefix(file.source.read(at, read.PREFIX_BYTES), 0)
-        if opcode == read.Opcode.SCHEMA:
-            number = int.from_bytes(file.source.read(at + read.PREFIX_BYTES, 2), "little")
+        opcode, length = read_prefix(file.source.read(at, PREFIX_BYTES), 0)
+        if opcode == Opcode.SCHEMA:
+            number = int.from_bytes(file.source.read(at + PREFIX_BYTES, 2), "little")
             if number in torn:
                 found[number] = at
-        at += read.PREFIX_BYTES + length
+        at += PREFIX_BYTES + length
     return found
 
 
-def _is_json(schema: read.Schema) -> bool:
+def _is_json(schema: Schema) -> bool:
     try:
         return schema.encoding != "jsonschema" or isinstance(json.loads(schema.data), dict)
     except ValueError:
@@ -137,57 +137,27 @@ def _is_json(schema: read.Schema) -> bool:
 
 def _bare(record: bytes) -> bytes:
     """Return a Schema record of the same length whose text says only that messages are objects."""
-    schema = read.schema(read.Fields(record, "", 0, read.PREFIX_BYTES))
+    schema = SCHEMA.read(Fields(record, "", 0, PREFIX_BYTES))
     return record[: len(record) - len(schema.data)] + b'{"type":"object"}'.ljust(len(schema.data))
 
 
-def _contents(index: FileIndex, chunks: Iterable[read.Chunk]) -> Contents:
+def _contents(index: FileIndex, chunks: Iterable[Chunk]) -> FileContents:
     """Say what an unfinished file holds in the terms of its summary; its last chunk may lack its message index."""
-    contents = Contents()
-    for schema in index.schemas.values():
-        contents.schemas[schema.id] = record_bytes.to_bytes(
-            Schema(id=schema.id, name=schema.name, encoding=schema.encoding, data=schema.data)
-        )
-    for channel in index.channels.values():
-        contents.channels[channel.id] = record_bytes.to_bytes(
-            Channel(
-                id=channel.id,
-                schema_id=channel.schema_id,
-                topic=channel.topic,
-                message_encoding=channel.message_encoding,
-                metadata=dict(channel.metadata),
-            )
-        )
-    for chunk in chunks:
-        contents.chunks.append(
-            ChunkIndex(
-                chunk_length=chunk.length,
-                chunk_start_offset=chunk.offset,
-                compression=chunk.compression,
-                compressed_size=chunk.compressed_size,
-                message_end_time=chunk.end_ns,
-                message_index_length=chunk.message_index_length,
-                message_index_offsets=dict(chunk.message_index_offsets),
-                message_start_time=chunk.start_ns,
-                uncompressed_size=chunk.uncompressed_size,
-            )
-        )
+    contents = FileContents(
+        {schema.id: SCHEMA.pack(schema) for schema in index.schemas.values()},
+        {channel.id: CHANNEL.pack(channel) for channel in index.channels.values()},
+        list(chunks),
+        list(index.metadata),
+    )
+    for chunk in contents.chunks:
         if chunk.indexed:
-            contents.counts = _add(contents.counts, chunk.counts or {})
-    for entry in index.metadata:
-        contents.metadata.append(MetadataIndex(offset=entry.offset, length=entry.length, name=entry.name))
+            contents.count(chunk.counts or {})
     return contents
 
 
-def _message_index(found: read.MessageIndex) -> bytes:
-    order = np.argsort(found.times_ns, kind="stable")
-    entries = np.empty(len(order), record_bytes.INDEX_ENTRY_DTYPE)
-    entries["time"], entries["offset"] = found.times_ns[order], found.offsets[order]
-    return record_bytes.message_index(found.channel_id, entries)
-
-
-def _add(counts: dict[int, int], more: Any) -> dict[int, int]:
-    return {number: counts.get(number, 0) + more.get(number, 0) for number in {*counts, *more}}
+def _message_index(index: MessageIndex) -> bytes:
+    order = np.argsort(index.times_ns, kind="stable")
+    return pack_message_index(index.channel_id, index_entries(index.times_ns[order], index.offsets[order]))
 
 
 def written_so_far(folder: Path, session: str) -> tuple[int, dict[str, int]]:

@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as arrays
 
 from ml_dash_mcap.capture import column_input as bulk
 from ml_dash_mcap.errors import FieldError
-from ml_dash_mcap.mcap.record_bytes import MESSAGE_HEAD
+from ml_dash_mcap.mcap.message_records import MESSAGE_HEAD_BYTES
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.rows.json_text import restore
@@ -27,7 +27,7 @@ def rows_of(times: Any, columns: dict[str, Any]) -> list[dict[str, Any]]:
     for encoded in bulk.encode(times, columns, "t", HEAD):
         ends = [*encoded.starts[1:].tolist(), len(encoded.records)]
         rows += [
-            restore(orjson.loads(encoded.records[a + MESSAGE_HEAD : b]))
+            restore(orjson.loads(encoded.records[a + MESSAGE_HEAD_BYTES : b]))
             for a, b in zip(encoded.starts.tolist(), ends, strict=True)
         ]
     return rows

@@ -11,7 +11,8 @@ import zstandard
 from ml_dash_mcap.errors import DamagedFileError
 from ml_dash_mcap.mcap import chunk_reader as chunks
 from ml_dash_mcap.mcap.limits import DEFAULT, Limits
-from ml_dash_mcap.mcap.records import LOOSE, Chunk, MessageIndex
+from ml_dash_mcap.mcap.message_records import MessageIndex
+from ml_dash_mcap.mcap.records import LOOSE, Chunk
 
 
 def message(channel_id: int, time_ns: int, payload: bytes) -> bytes:

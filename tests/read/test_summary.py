@@ -14,7 +14,8 @@ from mcap.writer import CompressionType, Writer
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import DamagedFileError
 from ml_dash_mcap.mcap import chunk_indexes, chunk_table, records
-from ml_dash_mcap.mcap.records import Chunk, Opcode
+from ml_dash_mcap.mcap.record_layout import split_records
+from ml_dash_mcap.mcap.records import SUMMARY_OFFSET, Chunk, Opcode
 from ml_dash_mcap.query.file import File
 from tests.support import raw
 from tests.support.examples import examples
@@ -27,9 +28,9 @@ SUMMARY_START = 1_000_000
 def one_by_one(data: bytes) -> list[Chunk]:
     """What a summary's chunk indexes say, each read and checked on its own, by where the chunks lie."""
     found: list[Chunk] = []
-    for opcode, at, fields in records.split(data, "file", SUMMARY_START):
+    for opcode, at, fields in split_records(data, "file", SUMMARY_START):
         if opcode == Opcode.CHUNK_INDEX:
-            chunk = records.chunk_index(fields)
+            chunk = records.CHUNK_INDEX.read(fields)
             chunk_indexes.check(chunk, "file", at, SUMMARY_START)
             found.append(chunk)
     return sorted(found, key=lambda chunk: chunk.offset)
@@ -246,9 +247,8 @@ def test_a_long_file_whose_index_and_data_are_damaged_is_an_error_whenever_it_is
 def test_a_long_file_with_a_damaged_group_opens_and_is_read(long_file, tmp_path, group):
     data = long_file.read_bytes()
     _, offsets_at = footer_of(data)
-    groups = {
-        fields.raw(1)[0]: fields.u64() for _, _, fields in records.split(data[offsets_at:-37], "file", offsets_at)
-    }
+    offsets = [SUMMARY_OFFSET.read(fields) for _, _, fields in split_records(data[offsets_at:-37], "", offsets_at)]
+    groups = {offset.opcode: offset.start for offset in offsets}
     path = damaged(long_file, tmp_path, groups[group])  # the group's first record is of another kind now
     with Recording(path) as rec:
         assert rec["robot"].info.count == CHUNKS

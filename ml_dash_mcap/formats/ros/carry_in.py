@@ -10,15 +10,17 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from ...errors import EncodingError
 from ...file_names import BAG_RECORD, SEGMENT_SUFFIX, is_like_a_bomb
-from ...mcap import record_bytes as written
 from ...mcap import records
-from ...mcap.chunk_writer import Chunk, compressor
+from ...mcap.chunk_writer import PackedChunk, build_block, compressor, index_records
+from ...mcap.file_writer import MOST_CHANNELS, FileWriter
 from ...mcap.message import Connection, MessageBlock
-from ...mcap.message_file import MOST_CHANNELS, MessageFile, pack
-from ...mcap.record_fields import Fields
+from ...mcap.message_records import index_entries
+from ...mcap.output import FileOutput
+from ...mcap.record_layout import PREFIX_BYTES, Fields
 from ...options import RecorderOptions
 from ...query import stored_messages
 from ...query.stored_messages import StoredChunk
@@ -81,8 +83,10 @@ class Carrier:
             raise EncodingError(f"{self._src}: it has {len(ids)} topics and connections; MCAP has {MOST_CHANNELS}")
         self._number += 1
         name = f"{self._prefix}_{self._number:06d}{SEGMENT_SUFFIX}"  # files are read in the order of their names
-        dest = MessageFile(self._folder / name, self._profile(file))
+        output = FileOutput.create(self._folder / name)
+        dest = FileWriter(output)
         try:
+            dest.begin(profile=self._profile(file))
             self._begin(dest, file, ids)
             unknown = {number for number in numbers if self._types.is_unknown(file.channels[number])}
             for chunk in self._chunks(file, ids):
@@ -90,30 +94,30 @@ class Carrier:
                 dest.add_chunk(chunk)
                 yield sum(chunk.counts.values())
             self._end(dest, file)
-            dest.finish()
+            dest.write_end()
         finally:
-            dest.close()
+            output.close()
 
     def _profile(self, file: BagFile) -> str:
         return (
             file.file.index.header.profile if isinstance(file, McapBag) else self._bag.format.replace("rosbag", "ros")
         )
 
-    def _begin(self, dest: MessageFile, file: BagFile, ids: Mapping[int, int]) -> None:
+    def _begin(self, dest: FileWriter[FileOutput], file: BagFile, ids: Mapping[int, int]) -> None:
         """Write schemas and channels; those of MCAP files keep their ids, because their chunks may repeat them."""
         known = {number: self._types.described(file.channels[number]) for number in ids}
         if isinstance(file, McapBag):
             for schema in file.file.index.schemas.values():
                 if any(_has(known[number], schema) for number in ids):
-                    dest.add_schema(schema.id, schema.name, schema.encoding, schema.data)
+                    dest.add_schema(schema)
         for number, channel_id in ids.items():
             schema_id = None
             if isinstance(file, McapBag):
                 found = file.file.index.schemas.get(file.file.index.channels[number].schema_id)
                 schema_id = found.id if found is not None and _has(known[number], found) else None
-            dest.add_channel(channel_id, known[number], schema_id)
+            dest.add_connection(channel_id, known[number], schema_id)
 
-    def _end(self, dest: MessageFile, file: BagFile) -> None:
+    def _end(self, dest: FileWriter[FileOutput], file: BagFile) -> None:
         """Copy what else is in the file, and say what bag it was."""
         values = {"format": self._bag.format, "file": file.name}
         names = set()
@@ -122,8 +126,8 @@ class Carrier:
             for one in file.file.metadata():
                 dest.add_metadata(one.name, one.values)
                 names.add(one.name)
-            for record, index in stored_messages.attachments(file.file):
-                dest.add_attachment(record, index)
+            for record, entry in stored_messages.attachments(file.file):
+                dest.add_attachment(record, entry)
         text = self._bag.text
         if bag_information.RECORD not in names and self._bag.format == "rosbag2":
             inside = file.information if isinstance(file, SqliteBag) else ""
@@ -134,7 +138,7 @@ class Carrier:
             values["metadata.yaml"] = text
         dest.add_metadata(BAG_RECORD, values)
 
-    def _chunks(self, file: BagFile, ids: Mapping[int, int]) -> Iterator[Chunk]:
+    def _chunks(self, file: BagFile, ids: Mapping[int, int]) -> Iterator[PackedChunk]:
         if isinstance(file, McapBag) and not file.is_packed:
             same = all(self._types.described(file.channels[number]) == file.channels[number] for number in ids)
             is_whole = same and set(ids) == set(file.channels)  # or else chunks may repeat what is not so any more
@@ -161,11 +165,11 @@ def _has(channel: Connection, schema: records.Schema) -> bool:
     return known == (schema.name, schema.encoding, schema.data)
 
 
-def _packed(block: MessageBlock) -> Chunk:
-    return pack(block, compressor(RecorderOptions()))
+def _packed(block: MessageBlock) -> PackedChunk:
+    return build_block(block, compressor(RecorderOptions()))
 
 
-def _copied(found: StoredChunk, is_whole: bool) -> Chunk:
+def _copied(found: StoredChunk, is_whole: bool) -> PackedChunk:
     """Return a chunk as it was, or made anew.
 
     That is needed where some of its messages stay behind, it says a wrong time, or nobody would read it without raising
@@ -174,36 +178,32 @@ def _copied(found: StoredChunk, is_whole: bool) -> Chunk:
     start_ns = min(int(one.times_ns.min()) for one in found.messages if len(one))
     end_ns = max(int(one.times_ns.max()) for one in found.messages if len(one))
     if is_whole and found.record:
-        fields = Fields(found.record, "", 0, records.PREFIX_BYTES)
-        head = records.chunk_head(fields)
-        begin = records.PREFIX_BYTES + head.records_at
+        fields = Fields(found.record, "", 0, PREFIX_BYTES)
+        head = records.CHUNK_HEAD.read(fields)
+        begin = PREFIX_BYTES + head.records_at
         is_plain = begin + head.records_length == len(found.record)
         if (
             (start_ns, end_ns) == (head.start_ns, head.end_ns)
             and is_plain
             and not is_like_a_bomb(head.uncompressed_size, head.records_length)
         ):
-            indexes, counts = _indexes(found)
-            return Chunk(
+            return PackedChunk(
                 bytes(found.record[:begin]),
                 memoryview(found.record)[begin:],
                 head.compression,
                 head.uncompressed_size,
                 start_ns,
                 end_ns,
-                indexes,
-                counts,
+                *index_records(_entries(found)),
             )
     return _packed(stored_messages.block_of(found.messages))
 
 
-def _indexes(found: StoredChunk) -> tuple[dict[int, bytes], dict[int, int]]:
-    indexes, counts = {}, {}
+def _entries(found: StoredChunk) -> dict[int, npt.NDArray[np.void]]:
+    """Return the entries of each channel's message index, by time."""
+    entries = {}
     for messages in found.messages:
         if len(messages):
             order = np.lexsort((messages.offsets, messages.times_ns))
-            entries = np.empty(len(messages), written.INDEX_ENTRY_DTYPE)
-            entries["time"], entries["offset"] = messages.times_ns[order], messages.offsets[order]
-            indexes[messages.channel_id] = written.message_index(messages.channel_id, entries)
-            counts[messages.channel_id] = len(messages)
-    return indexes, counts
+            entries[messages.channel_id] = index_entries(messages.times_ns[order], messages.offsets[order])
+    return entries

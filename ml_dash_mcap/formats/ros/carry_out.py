@@ -254,7 +254,7 @@ def foreign_metadata(file: File) -> list[Metadata]:
 
 def warn_of_beside(files: list[File], where: str) -> None:
     """Name what other people put into files beside messages, for a bag that has no place for it."""
-    names = [str(index["name"]) for file in files for _, index in stored_messages.attachments(file)]
+    names = [entry.name for file in files for _, entry in stored_messages.attachments(file)]
     names += [one.name for file in files for one in foreign_metadata(file)]
     if names:
         what = f"attachments and metadata records have no place in {where}: {', '.join(map(repr, names))}"

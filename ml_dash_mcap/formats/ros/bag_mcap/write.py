@@ -6,17 +6,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from zlib import crc32
 
 import numpy as np
 import numpy.typing as npt
 import zstandard
 
-from ....mcap import record_bytes
-from ....mcap.chunk_writer import Chunk, Compressor, compressor
+from ....mcap.chunk_writer import Compressor, PackedChunk, build_block, compressor, pack
+from ....mcap.file_writer import FileWriter
 from ....mcap.message import CHUNK_BYTES, Connection, MessageBlock
-from ....mcap.message_file import MessageFile, pack
-from ....mcap.record_bytes import MESSAGE_HEAD
+from ....mcap.message_records import MESSAGE_HEAD_BYTES, index_entries, message_heads
+from ....mcap.output import FileOutput
 from ....options import RecorderOptions
 from ....query import stored_messages
 from ....query.file import File
@@ -46,7 +45,7 @@ class _Zstd:
 class Storage:
     """A file that takes messages until it is finished."""
 
-    room = MESSAGE_HEAD
+    room = MESSAGE_HEAD_BYTES
     """Bytes that each message needs before it."""
 
     def __init__(
@@ -64,9 +63,10 @@ class Storage:
         self._compression = compression
         self._compress = self._compressor()
         self._distro = distro
-        self._file = MessageFile(path, "ros2")
+        self._file = FileWriter(FileOutput.create(path))
+        self._file.begin(profile="ros2")
         for outlet in outlets:
-            self._file.add_channel(outlet.number, _channel(outlet, qos(outlet)))
+            self._file.add_connection(outlet.number, _connection(outlet, qos(outlet)))
 
     @property
     def size(self) -> int:
@@ -81,12 +81,12 @@ class Storage:
     @property
     def start_ns(self) -> int:
         """Time of the first message, ns; 0 without messages."""
-        return min((chunk.message_start_time for chunk in self._file.contents.chunks), default=0)
+        return min((chunk.start_ns for chunk in self._file.contents.chunks), default=0)
 
     @property
     def end_ns(self) -> int:
         """Time of the last message, ns; 0 without messages."""
-        return max((chunk.message_end_time for chunk in self._file.contents.chunks), default=0)
+        return max((chunk.end_ns for chunk in self._file.contents.chunks), default=0)
 
     def write(self, sent: Sequence[Sent]) -> None:
         """Write messages, as one chunk or a few."""
@@ -95,19 +95,19 @@ class Storage:
         for part in _slices(sent, pieces):
             self._chunk(part)
 
-    def pack(self, block: MessageBlock) -> Chunk:
+    def pack(self, block: MessageBlock) -> PackedChunk:
         """Return messages that are carried as a chunk; threads may do this while others are written."""
-        return pack(block, self._compressor())
+        return build_block(block, self._compressor())
 
-    def write_packed(self, chunk: Chunk) -> None:
+    def write_packed(self, chunk: PackedChunk) -> None:
         """Write a chunk that `pack` made."""
         self._file.add_chunk(chunk)
 
     def add_beside(self, files: Sequence[File]) -> None:
         """Copy what other people put into files beside messages: attachments and metadata records."""
         for file in files:
-            for record, index in stored_messages.attachments(file):
-                self._file.add_attachment(record, index)
+            for record, entry in stored_messages.attachments(file):
+                self._file.add_attachment(record, entry)
             for one in foreign_metadata(file):
                 self._file.add_metadata(one.name, one.values)
 
@@ -118,11 +118,12 @@ class Storage:
             information: What is said of it, as YAML.
         """
         self._file.add_metadata(RECORD, {"ROS_DISTRO": self._distro, "serialized_metadata": information})
-        self._file.finish()
+        self._file.write_end()
+        self.close()
 
     def close(self) -> None:
         """Close the file, finished or not. May be called twice."""
-        self._file.close()
+        self._file.output.close()
 
     def _compressor(self) -> Compressor:
         if self._compression == "zstd":
@@ -133,24 +134,18 @@ class Storage:
         block = np.concatenate([one.packed.data for one in sent])
         start_ns = min(int(one.times_ns[0]) for one in sent)
         end_ns = max(int(one.times_ns[-1]) for one in sent)
-        indexes: dict[int, bytes] = {}
-        counts: dict[int, int] = {}
+        entries: dict[int, npt.NDArray[np.void]] = {}
         at = 0
         for one in sent:
             number = one.outlet.number
             _put_heads(block[at : at + len(one.packed.data)], one, self._file.contents.counts[number])
-            entries = np.empty(len(one.times_ns), record_bytes.INDEX_ENTRY_DTYPE)
-            entries["time"], entries["offset"] = one.times_ns, one.packed.starts + at
-            indexes[number] = record_bytes.message_index(number, entries)
-            counts[number] = len(entries)
+            entries[number] = index_entries(one.times_ns, one.packed.starts + at)
             at += len(one.packed.data)
         view = memoryview(block)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
-        data, name = self._compress(view), self._compress.name
-        head = record_bytes.chunk_head(start_ns, end_ns, len(block), crc32(view), name, len(data))
-        self._file.add_chunk(Chunk(head, data, name, len(block), start_ns, end_ns, indexes, counts))
+        self._file.add_chunk(pack(view, start_ns, end_ns, entries, self._compress))
 
 
-def _channel(outlet: Outlet, qos: str) -> Connection:
+def _connection(outlet: Outlet, qos: str) -> Connection:
     """Return what a topic of the bag is: one that is carried keeps what is known of it."""
     found = outlet.carried
     if found is None:
@@ -162,18 +157,14 @@ def _channel(outlet: Outlet, qos: str) -> Connection:
 def _put_heads(block: npt.NDArray[np.uint8], sent: Sent, before: int) -> None:
     """Write the heads of Message records into the room before each message."""
     packed = sent.packed
-    heads = np.zeros(len(sent.times_ns), record_bytes.MESSAGE_HEAD_DTYPE)
-    heads["opcode"] = record_bytes.MESSAGE_OPCODE
-    heads["length"] = packed.sizes + record_bytes.MESSAGE_LENGTH_EXCESS
-    heads["channel"] = sent.outlet.number
+    heads = message_heads(packed.sizes, sent.outlet.number, sent.times_ns)
     heads["sequence"] = (np.arange(before, before + len(heads)) & 0xFFFFFFFF).astype(np.uint32)
-    heads["log_time"] = heads["publish_time"] = sent.times_ns
-    data = heads.view(np.uint8).reshape(len(heads), MESSAGE_HEAD)
-    size = MESSAGE_HEAD + int(packed.sizes[0])
+    data = heads.view(np.uint8).reshape(len(heads), MESSAGE_HEAD_BYTES)
+    size = MESSAGE_HEAD_BYTES + int(packed.sizes[0])
     if len(block) == size * len(heads) and bool((packed.sizes == packed.sizes[0]).all()):
-        block.reshape(len(heads), size)[:, :MESSAGE_HEAD] = data
+        block.reshape(len(heads), size)[:, :MESSAGE_HEAD_BYTES] = data
     else:
-        block[packed.starts[:, None] + np.arange(MESSAGE_HEAD)] = data
+        block[packed.starts[:, None] + np.arange(MESSAGE_HEAD_BYTES)] = data
 
 
 def _slices(sent: Sequence[Sent], pieces: int) -> list[list[Sent]]:

@@ -1,0 +1,128 @@
+"""Where the bytes of an MCAP file go while it is being written: to a file that grows at its end, or into memory."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+Piece = bytes | memoryview
+
+_FLAGS = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+
+
+class Output(Protocol):
+    """Takes bytes, one piece behind the other."""
+
+    @property
+    def size(self) -> int:
+        """Bytes so far."""
+
+    def write(self, *pieces: Piece) -> None:
+        """Take some pieces, all of them or none."""
+
+
+class MemoryOutput:
+    """Keeps what is written in memory."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self._data = bytearray()
+
+    @property
+    def size(self) -> int:
+        """Bytes so far."""
+        return len(self._data)
+
+    def write(self, *pieces: Piece) -> None:
+        """Take some pieces."""
+        for piece in pieces:
+            self._data += piece
+
+    def data(self) -> bytes:
+        """Return everything."""
+        return bytes(self._data)
+
+
+class FileOutput:
+    """A local file. One thread at a time uses it.
+
+    Whatever fails leaves the file as it was before the call: what had reached it of the failed write is cut off.
+    """
+
+    def __init__(self, path: Path, flags: int, size: int = 0, mode: int = 0o666) -> None:
+        """Open a file.
+
+        Args:
+            path: Where it is.
+            flags: What `os.open` is told: whether to create it, and whether it may be there already.
+            size: How much of it stays, in bytes; writing goes on there.
+            mode: The permissions of a new file.
+        """
+        self._descriptor = os.open(path, flags | _FLAGS, mode)
+        self.size = size
+
+    @classmethod
+    def create(cls, path: Path) -> FileOutput:
+        """Begin a file, in the place of one that may be there."""
+        return cls(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+
+    def write(self, *pieces: Piece) -> None:
+        """Write all pieces behind what is there, or nothing."""
+        os.lseek(self._descriptor, self.size, os.SEEK_SET)
+        try:
+            self.size += _write_all(self._descriptor, [memoryview(piece) for piece in pieces])
+        except BaseException:
+            self.cut(self.size)
+            raise
+
+    def overwrite(self, at: int, data: bytes) -> None:
+        """Write over what is there."""
+        os.lseek(self._descriptor, at, os.SEEK_SET)
+        _write_all(self._descriptor, [memoryview(data)])
+
+    def trim(self) -> None:
+        """Cut off what lies behind `size`, because it could not be cut off when its write failed."""
+        os.ftruncate(self._descriptor, self.size)
+
+    def cut(self, size: int) -> None:
+        """Go back to an earlier size, as far as the system lets us."""
+        self.size = size
+        with contextlib.suppress(OSError):
+            os.ftruncate(self._descriptor, size)
+
+    def sync(self) -> None:
+        """Wait until what was written would survive a power cut."""
+        getattr(os, "fdatasync", os.fsync)(self._descriptor)
+
+    def close(self) -> None:
+        """Close the file. May be called twice."""
+        descriptor, self._descriptor = self._descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
+
+
+def _write_all(descriptor: int, pieces: list[memoryview]) -> int:
+    """Write pieces one after the other, however many calls the system wants for that."""
+    total = 0
+    write: Callable[[int, list[memoryview]], int] = getattr(os, "writev", lambda fd, parts: os.write(fd, parts[0]))
+    while pieces:
+        done = write(descriptor, pieces[:512])
+        total += done
+        while pieces and done >= len(pieces[0]):
+            done -= len(pieces.pop(0))
+        if done:
+            pieces[0] = pieces[0][done:]
+    return total
+
+
+def sync_folder(folder: Path) -> None:
+    """Make a rename in a folder survive a power cut, where the system can."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
