@@ -1,4 +1,4 @@
-"""Hold the floor plan: imports go down only, private names stay in their room, heavy libraries in the files that need them.
+"""Hold the floor plan: imports go down only, private names stay in their room, heavy libraries where they are needed.
 
 Run by `make lint`; prints what is wrong and exits with 1. Imports for type checkers count like all others: a cycle
 that only a type checker sees is a cycle for the reader too.
@@ -102,7 +102,7 @@ def module_name(path: Path) -> str:
 
 def room_of(module: str) -> str:
     """Return the room that a module stands in: the first part of its name below the package."""
-    return (module.split(".") + [""])[1]
+    return [*module.split("."), ""][1]
 
 
 def faults_of(module: str, imports: list[Import]) -> Iterator[tuple[int, str]]:
