@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from .errors import AlignmentError, UsageError
-from .formats.writers import Selection
+from .formats.topic_part import Selection
 from .query import neighbours
 from .query.topic_rows import check_range
 from .rows.align import align as align_tables

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ConversionWarning, MissingRecordingError, UsageError
-from .formats import readers
+from .formats import readers, registry
 from .formats.destination import fresh_folder, refuse_existing, replacing
-from .formats.readers import Progress
+from .formats.registry import Progress
 from .formats.replacing import RECORDING, check_overwrite, keeper
-from .formats.writers import SUFFIXES, format_of, options_of
+from .formats.writers import options_of
 from .recording import Recording
 from .store.safe_paths import place
 from .suggestions import did_you_mean
@@ -58,7 +58,7 @@ def convert(
         >>> convert("runs/field-test", "field-test-ros2", format="rosbag2")
     """
     source, target = place(src, "src"), place(dest, "dest")
-    if format is None and readers.detect(source) is not None and target.suffix.lower() not in SUFFIXES:
+    if format is None and registry.detect(source) is not None and registry.suffix_format(target) is None:
         check_overwrite(overwrite)
         allowed = replacing(keeper(RECORDING, [source])) if overwrite else nullcontext()
         known = readers.options_of(source)
@@ -68,7 +68,7 @@ def convert(
         return target
     if not source.exists():
         raise MissingRecordingError(errno.ENOENT, "there is nothing", str(src))
-    chosen = format if format is not None else format_of(target)
+    chosen = format if format is not None else registry.format_of(target)
     if overwrite is True:
         with replacing(keeper(chosen, [source])):  # what is opened below may be a copy
             refuse_existing(target)
@@ -85,7 +85,7 @@ def convert(
 @contextmanager
 def _opened(source: Path, reads: Mapping[str, Any]) -> Iterator[Recording]:
     """Give what is at a path as a recording, read with options of its format, if there are any."""
-    if not reads or readers.detect(source) is None:
+    if not reads or registry.detect(source) is None:
         with Recording(source, **reads) as recording:
             yield recording
         return

@@ -12,7 +12,8 @@ from typing import Any
 
 from .codecs.decoding import Decoding
 from .errors import MissingRecordingError
-from .file_names import ACTIVE_SUFFIX, SEGMENT_SUFFIX, SESSION_FILE, SESSION_GLOB
+from .file_names import SESSION_FILE, SESSION_GLOB
+from .formats import registry
 from .mcap.limits import Limits
 from .query.open_files import Segments
 from .query.places import LocalPlaces, Places, StoredPlaces, label, names_of
@@ -20,9 +21,6 @@ from .store.local import LocalFolder
 from .store.safe_paths import place
 from .store.session_lock import SessionLock
 from .store.store import Store
-
-_FOREIGN = ("*.db3*", "*.mcap.zstd", "*.parquet", "*.pq", "*.csv", "*.tsv", "*.jsonl", "*.ndjson")
-"""Files that make a folder worth a look, which has no `metadata.yaml`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +114,7 @@ def _recover(folder: Path) -> None:
 
 def _as_mcap(path: Path, options: OpeningOptions, converted: list[TemporaryDirectory[str]]) -> list[Path]:
     """Return where to read what is at a path: there, or in a temporary place if it is in another format."""
-    if not _may_be_foreign(path):
+    if not registry.may_be_foreign(path):
         return [path]
     from .formats import readers
 
@@ -126,14 +124,6 @@ def _as_mcap(path: Path, options: OpeningOptions, converted: list[TemporaryDirec
     folder = readers.as_folder(path, salvages=options.salvages, **options.foreign)
     converted.append(folder)
     return [Path(folder.name)]
-
-
-def _may_be_foreign(path: Path) -> bool:
-    """Whether it is worth looking closer at what is at a path."""
-    if path.is_dir():
-        has_foreign = any(next(path.glob(pattern), None) is not None for pattern in _FOREIGN)
-        return has_foreign or (path / "metadata.yaml").exists()
-    return path.is_file() and not path.name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX)
 
 
 def _remove(folders: list[TemporaryDirectory[str]]) -> None:

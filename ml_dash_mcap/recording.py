@@ -19,10 +19,12 @@ from .file_names import (
     METRIC_TOPICS,
     OWN_TOPICS,
 )
+from .formats import registry
 from .formats.destination import refuse_existing, replacing
-from .formats.export_job import Progress
+from .formats.export_job import Job
+from .formats.registry import Progress
 from .formats.replacing import check_overwrite, keeper
-from .formats.writers import Job, export, format_of
+from .formats.writers import export
 from .inspect import episodes, gaps, overview, run_metadata, runs, topics
 from .inspect.check import check
 from .inspect.episodes import Episode
@@ -466,7 +468,7 @@ class Recording(Mapping[str, TopicReader]):
             RangeError: The range's start lies after its end; also a ValueError.
         """
         dest = place(dest, "dest")
-        wanted = format if format is not None else format_of(dest)
+        wanted = format if format is not None else registry.format_of(dest)
         check_overwrite(overwrite)
         with replacing(keeper(wanted, [*self._files.paths, *self.segments])) if overwrite else nullcontext():
             refuse_existing(dest)

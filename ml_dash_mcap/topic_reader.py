@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol, overload
 
 import numpy.typing as npt
 
-from .errors import FormatError, NotFoundError, RangeError, UsageError
-from .formats.writers import EXPORTERS, FORMATS, Selection, stream
+from .errors import NotFoundError, RangeError, UsageError
+from .formats.topic_part import Selection
+from .formats.writers import render, stream
 from .inspect.topics import TopicInfo
 from .query import row_positions
 from .query.file import File
 from .query.topic_rows import check_index, check_range
 from .rows.dotted import FIELD_PREFIX, check_columns
 from .rows.result_dicts import BytesFormat, Entries, Take
-from .suggestions import did_you_mean, not_found
+from .suggestions import not_found
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,13 +53,8 @@ def read(
     format: str,
 ) -> Any:
     """Return a topic's rows in a format, see `TopicReader.read`; without any rows if there is no such topic."""
-    render = FORMATS.get(format)
-    if render is None:
-        elsewhere = f"; Recording.export(dest, format={format!r}) writes it" if format in EXPORTERS else ""
-        meant = f"; {did_you_mean(format, FORMATS)}" if did_you_mean(format, FORMATS) and not elsewhere else ""
-        raise FormatError(f"Unsupported format: {format}{elsewhere}{meant}; read() takes {', '.join(sorted(FORMATS))}")
     low, high = check_range(start_timestamp, end_timestamp)
-    return render(Selection(files, topic, low, high, check_columns(columns)))
+    return render(Selection(files, topic, low, high, check_columns(columns)), format)
 
 
 class TopicReader:

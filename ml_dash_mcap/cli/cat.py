@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from ..formats.writers import STREAMS
+from ..formats import registry
 from . import reading, times
 
 SUMMARY = "print the rows of a topic"
@@ -15,7 +15,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Say which arguments it takes."""
     reading.add_path(parser)
     parser.add_argument("topic", metavar="TOPIC", help="its name; `ls PATH` lists them")
-    parser.add_argument("--format", choices=sorted(STREAMS), default="jsonl", help="JSON lines (the default) or CSV")
+    parser.add_argument(
+        "--format", choices=registry.names("stream"), default="jsonl", help="JSON lines (the default) or CSV"
+    )
     parser.add_argument("--start", metavar="TIME", type=times.parse, help=f"first time stamp, {times.HELP}")
     parser.add_argument("--end", metavar="TIME", type=times.parse, help="last time stamp, included")
     parser.add_argument("--columns", metavar="NAME", nargs="+", help="dotted names; all columns by default")

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..formats.writers import EXPORTERS, format_of
+from ..formats import registry
 from . import output, progress, reading, times
 
 SUMMARY = "write topics in another format"
@@ -17,8 +17,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Say which arguments it takes."""
     reading.add_path(parser)
     parser.add_argument("dest", metavar="DEST", help="where to; a suffix such as .parquet says the format")
-    formats = ", ".join(sorted(EXPORTERS))
-    parser.add_argument("--format", metavar="FORMAT", choices=sorted(EXPORTERS), help=f"one of {formats}")
+    formats = registry.names("write")
+    parser.add_argument("--format", metavar="FORMAT", choices=formats, help=f"one of {', '.join(formats)}")
     parser.add_argument("--topics", metavar="TOPIC", nargs="+", help="names; all topics by default")
     parser.add_argument("--start", metavar="TIME", type=times.parse, help=f"first time stamp, {times.HELP}")
     parser.add_argument("--end", metavar="TIME", type=times.parse, help="last time stamp, included")
@@ -36,7 +36,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write them; returns the exit code."""
-    chosen = arguments.format or format_of(Path(arguments.dest))
+    chosen = arguments.format or registry.format_of(Path(arguments.dest))
     with reading.opened(arguments) as recording:
         with progress.shown(f"export {chosen}") as report:
             dest = recording.export(

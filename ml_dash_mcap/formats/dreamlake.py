@@ -10,6 +10,7 @@ from ..inspect.topics import TopicInfo
 from .destination import fresh_folder, name_of, refuse_existing
 from .export_job import Counter, Job
 from .mcap_rows import payload
+from .registry import NoOptions
 from .topic_part import Selection
 
 DATA_NAME, ABOUT_NAME = "data.jsonl", "metadata.json"
@@ -21,7 +22,7 @@ _LONGEST_PART = 200
 _COUNTED_ROWS = 1000
 
 
-def export(job: Job) -> Path:
+def export(job: Job, options: NoOptions) -> Path:
     """Write a session's folder: `tracks/<topic>/data.jsonl` with lines of `{"index", "data"}`, and what belongs to it.
 
     `data` is the row as it was given, nested, with its `_ts`. dreamlake finds the session if the destination is
@@ -30,6 +31,7 @@ def export(job: Job) -> Path:
 
     Args:
         job: What to export.
+        options: None.
     """
     refuse_existing(job.dest)
     with fresh_folder(job.dest) as folder:

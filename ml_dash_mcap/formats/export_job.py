@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,8 @@ from typing import Any
 from ..inspect.topics import TopicInfo
 from ..query.file import File
 from ..query.lazy_mapping import Lookup
+from .registry import Progress
 from .topic_part import Selection
-
-Progress = Callable[[int, int], object]
-"""Called now and then with the rows done and the rows in all."""
 
 
 @dataclass(frozen=True, slots=True)

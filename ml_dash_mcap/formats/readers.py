@@ -1,56 +1,16 @@
-"""Other people's files as recordings: one module each, and a table of them."""
+"""Files and folders of other formats as recordings."""
 
 from __future__ import annotations
 
 import errno
-import inspect
 import tempfile
-from collections.abc import Callable, Mapping
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
-from ..errors import FormatError, MissingRecordingError, UsageError
+from ..errors import FormatError, MissingRecordingError
 from ..recorder import Recorder
-from ..suggestions import did_you_mean
-
-Progress = Callable[[int, int], object]
-"""Called now and then with the rows done and the rows in all."""
-
-FORMATS: Mapping[str, str] = {
-    "rosbag1": "ros.read",
-    "rosbag2": "ros.read",
-    "mocap": "mocap.motive.read",
-    "sto": "mocap.sto.read",
-    "trc": "mocap.trc.read",
-    "qtm": "mocap.qtm.read",
-    "vicon": "mocap.vicon.read",
-    "wide": "mocap.wide.read",
-    "c3d": "mocap.c3d.read",
-    "parquet": "tables.parquet.read",
-    "jsonl": "tables.jsonl.read",
-    "csv": "tables.csv.read",
-}
-"""Formats, to the module here that reads them.
-
-A module has `detect(path) -> str | None`, which names the format of what is at a path that exists, or None, and one of
-
-- `record(src, recorder, *, progress=None, **options) -> None`, which appends its rows to a recorder;
-- `carry(src, folder, prefix, *, progress=None, **options) -> None`, which makes a recording in a folder.
-"""
-
-
-def detect(path: str | Path) -> str | None:
-    """Return the format of what is at a path; None if it is none of them, or nothing is there."""
-    place = Path(path)
-    if not place.exists():
-        return None
-    for module in dict.fromkeys(FORMATS.values()):
-        found: str | None = _load(module).detect(place)
-        if found is not None:
-            return found
-    return None
+from . import registry
+from .registry import Format, Progress
 
 
 def record(
@@ -60,8 +20,8 @@ def record(
 
     Args:
         src: The file or folder.
-        recorder: Where to.
-        format: One of `FORMATS`; None to find out.
+        recorder: Where its rows go.
+        format: The name of its format; None to find out.
         progress: Called now and then with the rows done and the rows in all.
         options: Of the format.
 
@@ -70,27 +30,18 @@ def record(
         FormatError: Its format is not known; also a ValueError.
         UsageError: The format has no such option; also a TypeError.
     """
-    place = Path(src)
-    if not place.exists():
-        raise MissingRecordingError(errno.ENOENT, "there is nothing", str(place))
-    name = format if format is not None else detect(place)
-    if name is None or name not in FORMATS:
-        known = ", ".join(sorted(FORMATS))
-        said = "its format is not known" if name is None else f"there is no format {name!r}"
-        raise FormatError(f"{place}: {said}; those that can be read are {known}")
-    read = _load(FORMATS[name]).record
-    _check_options(place, name, read, options)
-    read(place, recorder, progress=progress, **options)
+    path = Path(src)
+    if not path.exists():
+        raise MissingRecordingError(errno.ENOENT, "there is nothing", str(path))
+    name = format if format is not None else registry.detect(path)
+    entry = registry.find(name, "read")
+    if entry is None or entry.read is None:
+        problem = "its format is not known" if name is None else f"there is no format {name!r}"
+        raise FormatError(f"{path}: {problem}; those that can be read are {', '.join(registry.names('read'))}")
+    registry.load(entry.read)(path, recorder, _made(entry, path, options), progress)
 
 
-def into(
-    src: str | Path,
-    folder: Path,
-    prefix: str,
-    *,
-    progress: Progress | None = None,
-    **options: Any,
-) -> None:
+def into(src: str | Path, folder: Path, prefix: str, *, progress: Progress | None = None, **options: Any) -> None:
     """Make a recording of what is in a foreign file or folder.
 
     Args:
@@ -103,43 +54,18 @@ def into(
     Raises:
         As `record`.
     """
-    name = detect(src)
-    carry = None if name is None else getattr(_load(FORMATS[name]), "carry", None)
-    if name is None or carry is None:
+    entry = registry.find(registry.detect(src), "read")
+    if entry is None or entry.carry is None:
         with Recorder(folder, prefix=prefix) as recorder:
             record(src, recorder, progress=progress, **options)
     else:
-        _check_options(src, name, carry, options)
-        carry(Path(src), folder, prefix, progress=progress, **options)
-
-
-def _check_options(src: str | Path, name: str, read: Callable[..., None], options: Mapping[str, Any]) -> None:
-    """Raise UsageError if a format has not all of the options that a caller gave."""
-    taken = _options_of(read)
-    for option in options:
-        if option not in taken:
-            offered = [one for one in taken if one != "progress"]
-            what = f"it has {', '.join(offered) or 'none'}. {did_you_mean(option, offered, spelling='{}=')}".rstrip(
-                " ."
-            )
-            raise UsageError(f"{src}: reading {name!r} has no option {option!r}; {what}")
+        registry.load(entry.carry)(Path(src), folder, prefix, _made(entry, src, options), progress)
 
 
 def options_of(src: str | Path) -> list[str]:
     """Return the options that reading what is at a path has; none if it is none of the formats."""
-    name = detect(src)
-    return [] if name is None else [one for one in _options_of(_reader(name)) if one != "progress"]
-
-
-def _reader(name: str) -> Callable[..., None]:
-    """Return what reads a format."""
-    module = _load(FORMATS[name])
-    reader: Callable[..., None] = getattr(module, "carry", None) or module.record
-    return reader
-
-
-def _options_of(read: Callable[..., None]) -> list[str]:
-    return [one for one, how in inspect.signature(read).parameters.items() if how.kind is how.KEYWORD_ONLY]
+    entry = registry.find(registry.detect(src), "read")
+    return [] if entry is None else registry.option_names(entry.read_options)
 
 
 def read_as_it_is(path: Path) -> list[Path] | None:
@@ -147,11 +73,10 @@ def read_as_it_is(path: Path) -> list[Path] | None:
 
     None for what must become a recording before it can be read as one.
     """
-    name = detect(path)
-    if name is None:
+    entry = registry.find(registry.detect(path), "read")
+    if entry is None:
         return [path]
-    read = getattr(_load(FORMATS[name]), "read_as_it_is", None)
-    files: list[Path] | None = None if read is None else read(path)
+    files: list[Path] | None = None if entry.as_it_lies is None else registry.load(entry.as_it_lies)(path)
     return files
 
 
@@ -167,16 +92,15 @@ def as_folder(path: str | Path, *, salvages: bool = False, **options: Any) -> te
         As `record`; then there is no folder.
     """
     wanted = {**options, **({"on_damage": "skip"} if salvages else {})}
-    known = options_of(path)
-    options = {name: value for name, value in wanted.items() if name in known}
+    names = options_of(path)
     folder = tempfile.TemporaryDirectory(prefix="ml_dash_mcap-")
     try:
-        into(path, Path(folder.name), Path(path).name, **options)
+        into(path, Path(folder.name), Path(path).name, **{name: wanted[name] for name in wanted if name in names})
     except BaseException:
         folder.cleanup()
         raise
     return folder
 
 
-def _load(module: str) -> ModuleType:
-    return import_module(f".{module}", __package__)
+def _made(entry: Format, src: str | Path, options: dict[str, Any]) -> Any:
+    return registry.make_options(entry.read_options, options, f"{src}: reading {entry.name!r}")

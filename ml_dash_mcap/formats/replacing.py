@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from itertools import islice
 from pathlib import Path
 
@@ -13,26 +13,12 @@ from ..file_names import SESSION_GLOB
 from ..mcap.records import MAGIC
 from ..store.session_lock import SessionLock
 from ..version import LIBRARY
+from . import registry
 
 RECORDING = "recording"
 """Stands among the formats for a recording's folder, which `convert` makes."""
 
-_PACKAGE = r"[^/]+/(package\.xml|CMakeLists\.txt|msg/[^/]+\.msg)"
-"""What defines the messages in a bag."""
-
-_CONTENTS: Mapping[str, str] = {
-    "parquet": r"[^/]+\.parquet",
-    "csv": r"[^/]+\.csv",
-    "jsonl": r"[^/]+\.jsonl",
-    "dreamlake": r"session\.json|parameters\.json|tracks/.+/(data\.jsonl|metadata\.json)",
-    "rosbag1": _PACKAGE,
-    "rosbag2": rf"metadata\.yaml|[^/]+\.(mcap|db3|db3-wal|db3-shm|mcap\.zstd|db3\.zstd)|{_PACKAGE}",
-    RECORDING: r"[^/]+\.mcap(\.active)?|\.ml_dash-[^/]+\.(json|journal)|files/.+",
-}
-"""Formats that are folders, to the names of what is in one; those that are not here are files."""
-
-_ALWAYS_THERE: Mapping[str, str] = {"dreamlake": "session.json", "rosbag2": "metadata.yaml"}
-"""What each folder of a format has; without it, one with the same kinds of files is something else."""
+_OF_RECORDINGS = registry.Format(RECORDING, contents=r"[^/]+\.mcap(\.active)?|\.ml_dash-[^/]+\.(json|journal)|files/.+")
 
 _OF_DESKTOPS = (".DS_Store", "Thumbs.db", "desktop.ini")
 _LIBRARY = LIBRARY.split()[0].encode()
@@ -49,7 +35,7 @@ def keeper(format: str, sources: Iterable[Path]) -> Keep:
     """Return what judges whether something may be replaced by a result of a format.
 
     Args:
-        format: One of `EXPORTERS`, or `RECORDING`.
+        format: The name of a format, or `RECORDING`.
         sources: The files and folders that are read meanwhile.
     """
     read = [path.resolve() for path in sources]
@@ -74,13 +60,14 @@ def check_overwrite(overwrite: object) -> None:
 
 
 def _reason_to_keep_folder(folder: Path, format: str) -> str:
-    pattern = re.compile(_CONTENTS.get(format, r"(?!)"))
+    entry = registry.find(format, "write") or _OF_RECORDINGS
+    pattern = re.compile(entry.contents)
     for name in islice(_files(folder), _LOOKED_AT + 1):
         if not pattern.fullmatch(name) and name.rpartition("/")[2] not in _OF_DESKTOPS:
             what = "a recording" if format == RECORDING else f"what {format!r} writes"
             return f"is a folder that holds more than {what}: {name}; remove it yourself, or choose another place"
-    if format in _ALWAYS_THERE and not (folder / _ALWAYS_THERE[format]).is_file():
-        return f"is a folder without the {_ALWAYS_THERE[format]} that {format!r} writes, so it is something else"
+    if entry.landmark and not (folder / entry.landmark).is_file():
+        return f"is a folder without the {entry.landmark} that {format!r} writes, so it is something else"
     if format == RECORDING:
         for path in folder.glob("*.mcap*"):
             if not _is_ours(path):

@@ -19,7 +19,7 @@ from mcap.writer import Writer
 
 from ml_dash_mcap import Experiment, Recorder, Recording
 from ml_dash_mcap.cli import main
-from ml_dash_mcap.formats.writers import EXPORTERS
+from ml_dash_mcap.formats import registry
 from tests.support import disk
 from tests.support.files import draft, finished, save
 
@@ -373,7 +373,7 @@ def test_every_export_format_can_be_asked_for(capsys: Capture) -> None:
         main(["export", "--help"])
     assert stopped.value.code == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert f"one of {', '.join(sorted(EXPORTERS))}" in said
+    assert f"one of {', '.join(registry.names('write'))}" in said
 
 
 def test_an_empty_recording_is_printed_too(tmp_path: Path, capsys: Capture) -> None:

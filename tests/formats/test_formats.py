@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
 
-from ml_dash_mcap.formats.writers import FORMATS
+from ml_dash_mcap.formats import registry
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.rows.json_text import restore
@@ -43,7 +43,7 @@ def recording(tmp_path):
 
 
 def test_the_formats_are_those_of_ml_dash():
-    assert sorted(FORMATS) == ["json", "jsonl", "mcap", "mocap", "parquet"]
+    assert registry.names("render") == ["json", "jsonl", "mcap", "mocap", "parquet"]
 
 
 def test_json_is_a_dict_of_flat_entries(recording):

@@ -14,8 +14,8 @@ from mcap.writer import Writer
 from ml_dash_mcap import Experiment, Recorder, Recording, convert
 from ml_dash_mcap.cli import main
 from ml_dash_mcap.errors import DestinationExistsError, FormatError, OptionError
+from ml_dash_mcap.formats import registry
 from ml_dash_mcap.formats import swap_names as exchange_module
-from ml_dash_mcap.formats.writers import EXPORTERS
 
 NAMES = {
     "parquet": "out", "csv": "out", "jsonl": "out", "dreamlake": "out", "rosbag2": "out", "rosbag1": "out.bag",
@@ -80,7 +80,7 @@ def without_times(found: dict[str, bytes]) -> dict[str, int]:
 
 
 def test_every_format_is_tried_here() -> None:
-    assert NAMES.keys() == EXPORTERS.keys()
+    assert sorted(NAMES) == registry.names("write")
 
 
 @pytest.mark.filterwarnings("ignore::ml_dash_mcap.errors.ConversionWarning", "ignore:there are messages at time 0")

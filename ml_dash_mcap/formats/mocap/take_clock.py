@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,9 +19,7 @@ from ...rows.encode import TIME_KEY
 from ..export_job import Job
 from . import frame_numbers as frames
 from .frame_numbers import Spacing
-
-Rate = float | Literal["median"] | None
-"""Frames a second, or the rate of the samples; None for the samples as they are, which must be evenly spaced."""
+from .take_options import Rate
 
 _HIGHEST_RATE = 1e6
 

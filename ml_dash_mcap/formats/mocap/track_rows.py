@@ -16,7 +16,7 @@ from ...file_names import MESSAGE
 from ...recorder import Recorder
 from ...topic import Topic
 from .. import foreign_names
-from ..readers import Progress
+from ..registry import Progress
 from ..text.number_cells import Cells, Floats, Part
 from .placement import Placement
 

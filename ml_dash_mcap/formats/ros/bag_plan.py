@@ -5,8 +5,7 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from ...codecs.ros import definitions, standard_types
@@ -20,55 +19,28 @@ from ..export_job import Job
 from . import (
     ros_names as names,
 )
+from .bag_options import RosbagWriteOptions
 from .messages import arrow_blocks, conventions, lossless, lossless_definitions, standard, underivable
 from .messages.forms import Form
 from .messages.lossless import Field, Message
 from .messages.standard import Derived
 
-_MOST_OFFSET_S = 2**33
-"""Nanoseconds that a signed 64-bit number holds are more."""
 
-PROFILES = ("std+lossless", "std", "lossless", "json")
+@dataclass(frozen=True, kw_only=True)
+class Settings(RosbagWriteOptions):
+    """What a caller wants of a bag, and what its storage needs."""
 
-
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """What a caller wants of a bag, whatever its format."""
-
-    profile: str = "std+lossless"
-    mapping: Mapping[str, Any] | None = None
-    time_offset: float = 0.0
-    """Added to all times but the field `ts`, in s."""
-    package: str = "ml_dash_msgs"
-    frame_id: str = ""
-    """Of topics whose metadata has none."""
-    tf: bool = False
-    on_bad: str = "raise"
-    is_ros1: bool = False
-    room: int = 0
+    is_ros1: bool
+    room: int
     """Bytes to leave before each message."""
-    is_in_order: bool = False
+    is_in_order: bool
     """Whether messages of different topics must be nearly in order."""
-    embed_images: bool | str | Path = False
-    """Whether fields that hold the paths of images stand for the images; or the folder that the paths begin at."""
 
-    def __post_init__(self) -> None:
-        names.check_package(self.package)
-        for name, value, known in (
-            ("profile", self.profile, PROFILES),
-            ("on_bad", self.on_bad, ("raise", "lossless")),
-        ):
-            if value not in known:
-                raise OptionError(f"{name}={value!r}: it must be one of {', '.join(map(repr, known))}")
-        if self.mapping is not None and not isinstance(self.mapping, Mapping):
-            raise OptionError(f"mapping={self.mapping!r}: pass a dict of topics")
-        is_number = isinstance(self.time_offset, (int, float)) and not isinstance(self.time_offset, bool)
-        if not is_number or not abs(self.time_offset) < _MOST_OFFSET_S:
-            raise OptionError(f"time_offset={self.time_offset!r}: pass seconds, less than {_MOST_OFFSET_S}")
-        if not isinstance(self.frame_id, str) or "\0" in self.frame_id:
-            raise OptionError(f"frame_id={self.frame_id!r}: pass a name")
-        if not isinstance(self.tf, bool):
-            raise OptionError(f"tf={self.tf!r}: it must be True or False")
+    @classmethod
+    def of(cls, options: RosbagWriteOptions, *, is_ros1: bool, room: int, is_in_order: bool) -> Settings:
+        """Return the options of any bag with what its storage needs."""
+        shared = {option.name: getattr(options, option.name) for option in fields(RosbagWriteOptions)}
+        return cls(**shared, is_ros1=is_ros1, room=room, is_in_order=is_in_order)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,65 +3,28 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection
 from contextlib import ExitStack
 from pathlib import Path
 
 from ...codecs.decoding import decoding
 from ...codecs.ros import distros
-from ...errors import ConversionWarning, DamagedFileError, OptionError, StorageError, UsageError
+from ...errors import ConversionWarning, DamagedFileError, StorageError
 from ...mcap.limits import DEFAULT, Limits
 from ...mcap.message import Connection
 from ...recorder import Recorder
+from .. import file_signs
+from ..file_start import FileStart
+from ..registry import Progress
 from . import bag_folder, bag_information
 from .bag_contents import Bag, batches
 from .bag_folder import FolderBag
 from .bag_mcap import read as bag_mcap
+from .bag_options import RosbagReadOptions
 from .bag_types import Types
 from .carry_in import Carrier
 from .messages import lossless_definitions
 from .rows_in import Intake, Origins
-
-Progress = Callable[[int, int], object]
-
-_ROS1_MAGIC = b"#ROSBAG V"
-_HEAD = 64
-
-
-def detect(path: Path) -> str | None:
-    """Return "rosbag1" or "rosbag2" if a bag is at a path, else None."""
-    if path.is_dir():
-        metadata = path / bag_folder.METADATA
-        try:
-            if metadata.is_file() and bag_information.ROOT in metadata.read_text(encoding="utf-8", errors="replace"):
-                return "rosbag2"
-        except OSError:
-            return None
-        return "rosbag2" if any(_is_of_folder(one) for one in path.iterdir()) else None
-    head = _head(path)
-    if head.startswith(_ROS1_MAGIC) or path.suffix == ".bag":
-        return "rosbag1"
-    return "rosbag2" if path.name.endswith((".db3", ".db3.zstd", ".mcap.zstd")) or _is_ros2(head) else None
-
-
-def _is_of_folder(path: Path) -> bool:
-    """Whether a file, in a folder without metadata, is one of a bag."""
-    if path.name.endswith((".db3", ".db3.zstd", ".mcap.zstd")):
-        return True
-    return path.suffix == ".mcap" and _is_ros2(_head(path))
-
-
-def _head(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(_HEAD)
-    except OSError:
-        return b""
-
-
-def _is_ros2(head: bytes) -> bool:
-    """Whether a file begins as MCAP with the profile "ros2"."""
-    return head.startswith(bag_mcap.MAGIC) and head[17:25] == b"\x04\0\0\0ros2"
 
 
 def read_as_it_is(path: Path) -> list[Path] | None:
@@ -94,20 +57,7 @@ def read_as_it_is(path: Path) -> list[Path] | None:
     return files
 
 
-def carry(
-    src: Path,
-    folder: Path,
-    prefix: str,
-    *,
-    progress: Progress | None = None,
-    encoding: str | None = None,
-    time: str = "log",
-    topics: Iterable[str] | None = None,
-    definitions: Mapping[str, str | Path] | None = None,
-    on_unknown: str = "bytes",
-    on_damage: str = "raise",
-    limits: Limits | None = None,
-) -> None:
+def carry(src: Path, folder: Path, prefix: str, options: RosbagReadOptions, progress: Progress | None) -> None:
     """Make a recording of a bag.
 
     Its messages stay what they are: their bytes, times, types and definitions, in ROS's own encoding. Topics that we
@@ -117,19 +67,8 @@ def carry(
         src: A ROS 1 bag, a rosbag2 folder, or one file of such a folder.
         folder: Of the recording; it is there.
         prefix: Of the recording.
+        options: How to read it.
         progress: Called now and then with the messages done and the messages in all.
-        encoding: "ros" keeps all messages as they are, also of topics that we exported; "json" makes rows of all, in
-            this library's own form; None keeps those of others, and makes rows of ours.
-        time: What `_ts` is for rows that are made of messages of others: "log", when they were recorded, or "header",
-            their header's stamp where they have one that is not 0; then all messages become rows.
-        topics: Names of the bag's topics, or those that they had in the recording that it was made of; None for all but
-            the standard messages that we derived.
-        definitions: Type to its definition, or the `.msg` file with it, for bags that do not have them.
-        on_unknown: What happens to a topic with messages of a type that nobody knows: "bytes" keeps their bytes, with a
-            warning, "skip" leaves it out with a warning, "raise" is an error.
-        on_damage: What happens if the bag is cut or damaged: "raise", or "skip" to take what can be read, with a
-            warning.
-        limits: How much memory its MCAP files may ask for; None for the defaults.
 
     Raises:
         DamagedFileError: The bag is damaged.
@@ -139,27 +78,15 @@ def carry(
         StorageError: A file cannot be read.
         OptionError: An option has a value that it cannot have.
     """
-    for name, value, known in (
-        ("encoding", encoding, (None, "ros", "json")),
-        ("time", time, ("log", "header")),
-        ("on_damage", on_damage, ("raise", "skip")),
-    ):
-        if value not in known:
-            raise OptionError(f"{name}={value!r}: it must be one of {', '.join(map(repr, known))}")
-    if time == "header" and encoding == "ros":
-        raise OptionError(
-            "time='header' makes rows with other times than their messages have, encoding='ros' makes none"
-        )
-    if isinstance(topics, str):
-        raise UsageError(f"topics={topics!r}: pass a list of topics, such as topics=[{topics!r}]")
-    wanted = None if topics is None else list(topics)
-    how = decoding(definitions, on_unknown)
+    wanted = None if options.topics is None else list(options.topics)
+    how = decoding(options.definitions, options.on_unknown)
+    salvages = options.on_damage == "skip"
     try:
-        bag = _open(src, on_damage == "skip", limits or DEFAULT)
+        bag = _open(src, salvages, options.limits or DEFAULT)
         try:
             types = Types(how, distros.likely(bag.distro, bag.version))
-            uses_header, salvages = time == "header", on_damage == "skip"
-            _Conversion(src, bag, folder, prefix, types, encoding, uses_header, salvages, progress).run(wanted)
+            uses_header = options.time == "header"
+            _Conversion(src, bag, folder, prefix, types, options.encoding, uses_header, salvages, progress).run(wanted)
         finally:
             bag.close()
     except OSError as error:
@@ -252,7 +179,7 @@ class _Conversion:
 
 
 def _open(path: Path, salvages: bool, limits: Limits) -> Bag:
-    if path.is_file() and detect(path) == "rosbag1":
+    if path.is_file() and file_signs.rosbag1(FileStart(path)):
         from .bag_ros1.read import Ros1Bag
 
         return Ros1Bag(path, salvages=salvages)

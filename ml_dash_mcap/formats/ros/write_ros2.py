@@ -8,13 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from ...errors import OptionError
 from ...mcap.message import MessageBlock
 from ..destination import fresh_folder
 from ..export_job import Job, Steps
 from . import bag_metadata, carry_out
 from .bag_mcap import write as bag_mcap
 from .bag_metadata import Contents
+from .bag_options import Rosbag2WriteOptions
 from .bag_plan import Outlet, Settings
 from .bag_sqlite import write as bag_sqlite
 from .rows_out import MisfitError, Outgoing, Sent, packed, to_text, write_package
@@ -56,76 +56,34 @@ class _Storage(Protocol):
         """Close the file, finished or not."""
 
 
-def export(
-    job: Job,
-    *,
-    storage: str = "mcap",
-    distro: str | None = None,
-    profile: str = "std+lossless",
-    mapping: Mapping[str, Any] | None = None,
-    split_bytes: int | None = None,
-    time_offset: float = 0.0,
-    compression: str | None = None,
-    package: str = "ml_dash_msgs",
-    frame_id: str = "",
-    tf: bool = False,
-    on_bad: str = "raise",
-    embed_images: bool | str | Path = False,
-) -> Path:
+def export(job: Job, options: Rosbag2WriteOptions) -> Path:
     """Write a rosbag2 folder.
 
     Args:
         job: What, and where to.
-        storage: "mcap" or "sqlite3".
-        distro: The ROS 2 distribution that will read it; "humble" needs metadata that is older than "jazzy"'s. None for
-            the one that recorded the messages, if they came from a bag, or else "jazzy".
-        profile: "std+lossless": a message of its own for each topic, and standard messages where they fit; "std" and
-            "lossless": only these; "json": each row as JSON.
-        mapping: Topic to what its standard messages are, see docs/guides/ros.md; None for the conventions.
-        split_bytes: A new file starts when one has grown to this size; None for one file.
-        time_offset: Added to all times, in s; rows come back with their own.
-        compression: Of MCAP chunks: "zstd", "lz4" or "none"; None for "zstd". SQLite knows only "none".
-        package: What the package of our messages is called.
-        frame_id: Of topics whose metadata has none.
-        tf: Whether to send the first pose of each topic on `/tf` too.
-        on_bad: What a row does that a standard message cannot say: "raise", or "lossless" to leave it out of that
-            message with a warning.
-        embed_images: Whether a field that holds the path of a JPEG or PNG file becomes a message with the image, or
-            the folder that its paths begin at; False leaves paths alone.
+        options: How to write it.
 
     Raises:
         OptionError: An option has a value that it cannot have.
         ConversionError: A row cannot be said; the message names it.
     """
     origin = carry_out.origin(job)
+    storage, distro, split_bytes = options.storage, options.distro, options.split_bytes
     if distro is not None:
         version = bag_metadata.check_distro(distro)
     else:
         distro, version = bag_metadata.distro_of(origin.distro, origin.version)
-    if storage not in ("mcap", "sqlite3"):
-        raise OptionError(f"storage={storage!r}: it must be 'mcap' or 'sqlite3'")
-    if split_bytes is not None and (
-        isinstance(split_bytes, bool) or not isinstance(split_bytes, int) or split_bytes < 1
-    ):
-        raise OptionError(f"split_bytes={split_bytes!r}: it must be None or more than 0 bytes")
-    compressions = ("zstd", "lz4", "none") if storage == "mcap" else ("none",)
-    if compression is not None and compression not in compressions:
-        known = ", ".join(map(repr, compressions))
-        raise OptionError(f"compression={compression!r}: it must be None or {known} with storage={storage!r}")
     room = bag_mcap.Storage.room if storage == "mcap" else bag_sqlite.Storage.room
-    is_split = split_bytes is not None
-    settings = Settings(
-        profile, mapping, time_offset, package, frame_id, tf, on_bad, False, room, is_split, embed_images
-    )
+    settings = Settings.of(options, is_ros1=False, room=room, is_in_order=split_bytes is not None)
     qos = functools.partial(bag_metadata.offered, version=version)
     begin: Callable[[Path, Sequence[Outlet]], _Storage]
     if storage == "mcap":
-        begin = functools.partial(bag_mcap.Storage, qos=qos, distro=distro, compression=compression or "zstd")
+        begin = functools.partial(bag_mcap.Storage, qos=qos, distro=distro, compression=options.compression or "zstd")
     else:
         begin = functools.partial(bag_sqlite.Storage, qos=qos, distro=distro, version=version)
     with fresh_folder(job.dest) as folder:
         names = carry_out.topics(job)
-        carried = carry_out.Carried(job, names, origin, time_offset=time_offset)
+        carried = carry_out.Carried(job, names, origin, time_offset=options.time_offset)
         if storage != "mcap":
             carry_out.warn_of_beside(carried.files, "SQLite; storage='mcap' keeps them")
         outgoing = Outgoing(job.without(names), settings, carried)
@@ -142,7 +100,7 @@ def export(
                 continue
             break
         steps.finish()
-        write_package(folder / package, outgoing)
+        write_package(folder / options.package, outgoing)
     return job.dest
 
 

@@ -8,17 +8,10 @@ from urllib.parse import unquote
 
 from ...errors import UsageError
 from ...recorder import Recorder
-from ..readers import Progress
+from ..registry import Progress
 from . import table_intake
-from .table_intake import Counter, TableFile, TableOptions
-
-
-def are_at(path: Path, suffixes: Sequence[str]) -> bool:
-    """Whether a file of some suffixes is at a path, or a folder that has such files and nothing else."""
-    if path.is_file():
-        return path.suffix.lower() in suffixes
-    inside = [one for one in path.iterdir() if not one.name.startswith(".")] if path.is_dir() else []
-    return bool(inside) and all(one.is_file() and one.suffix.lower() in suffixes for one in inside)
+from .table_intake import Counter, TableFile
+from .table_options import TableReadOptions
 
 
 def of(path: Path) -> list[Path]:
@@ -35,7 +28,7 @@ def record(
     src: Path,
     recorder: Recorder,
     opened: Callable[[Path], TableFile],
-    options: TableOptions,
+    options: TableReadOptions,
     progress: Progress | None,
     rows: Callable[[Path], int],
 ) -> None:

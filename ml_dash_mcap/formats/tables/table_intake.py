@@ -6,7 +6,6 @@ import math
 import re
 import warnings
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,10 +23,10 @@ from ...rows.dotted import FIELD_PREFIX, free_names
 from ...rows.encode import EXACT_KEY, TIME_KEY
 from ...rows.table import Column, values_of
 from ...topic import Topic
-from ..readers import Progress
-from ..text.headers import check_on_bad
+from ..registry import Progress
 from . import arrow_values, table_times
 from .our_tables import OurTable
+from .table_options import TableReadOptions
 
 _IN_BRACKETS = re.compile(r"[(\[]\s*([^()\[\]]+?)\s*[)\]]\s*$")
 _KNOWN_UNITS = {
@@ -63,22 +62,6 @@ class TableFile(Protocol):
         """Close the file."""
 
 
-@dataclass(frozen=True, slots=True)
-class TableOptions:
-    """How a table of others is read."""
-
-    time_column: str | None = None
-    """The column of times; None to find it by its name and type."""
-    time_unit: str | None = None
-    """What the times' numbers count; None to find out."""
-    topic: str | None = None
-    """None for the file's name, or what the file says."""
-    start: float = 0.0
-    """The time stamp of the table's time 0, in s."""
-    on_bad: str = "raise"
-    """"raise", or "missing" to leave out rows without a time."""
-
-
 class Counter:
     """Tells the progress of some files."""
 
@@ -100,7 +83,7 @@ class Counter:
             self._progress(self._total, self._total)
 
 
-def record(file: TableFile, name: str, recorder: Recorder, options: TableOptions, counter: Counter) -> None:
+def record(file: TableFile, name: str, recorder: Recorder, options: TableReadOptions, counter: Counter) -> None:
     """Append a table to a recorder.
 
     Args:
@@ -113,7 +96,6 @@ def record(file: TableFile, name: str, recorder: Recorder, options: TableOptions
     Raises:
         ForeignFileError: No column is the time, a row has none, or a column's type is one that no row holds.
     """
-    check_on_bad(options.on_bad)
     is_ours = file.about is not None and options.time_column in (None, file.about.get("time"))
     intake = _Own(file, name, recorder, options) if is_ours else _Foreign(file, name, recorder, options)
     for batch in file.batches():
@@ -131,7 +113,7 @@ def record(file: TableFile, name: str, recorder: Recorder, options: TableOptions
 class _Intake:
     """What both kinds have in common: rows and their times."""
 
-    def __init__(self, file: TableFile, options: TableOptions) -> None:
+    def __init__(self, file: TableFile, options: TableReadOptions) -> None:
         self._file, self._options = file, options
         self.rows = 0
         self.left_out = 0
@@ -160,7 +142,7 @@ class _Intake:
 class _Foreign(_Intake):
     """A table of others: all its columns, its units, its times; nothing is merged, and null is None."""
 
-    def __init__(self, file: TableFile, name: str, recorder: Recorder, options: TableOptions) -> None:
+    def __init__(self, file: TableFile, name: str, recorder: Recorder, options: TableReadOptions) -> None:
         super().__init__(file, options)
         units = _units(file.schema)
         self._time = table_times.find(
@@ -198,7 +180,7 @@ class _Foreign(_Intake):
 class _Own(_Intake):
     """A table that this library wrote: the rows that it was written from."""
 
-    def __init__(self, file: TableFile, name: str, recorder: Recorder, options: TableOptions) -> None:
+    def __init__(self, file: TableFile, name: str, recorder: Recorder, options: TableReadOptions) -> None:
         super().__init__(file, options)
         assert file.about is not None
         self._table = OurTable(file.schema, file.about)

@@ -17,12 +17,8 @@ _EXCEL = re.compile(r'"?sep=.{0,2}"?[\t,;]*', re.IGNORECASE)
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
-def first_line(path: Path) -> str:
-    """Return a file's first line that is not blank, without a byte order mark; "" for a folder."""
-    if not path.is_file():
-        return ""
-    with path.open("rb") as file:
-        data = file.read(4096)
+def first_line_of(data: bytes) -> str:
+    """Return the first line that is not blank of what a file begins with, without a byte order mark."""
     text = data.decode("utf-16", "replace") if data.startswith(_UTF_16) else decoded(data)
     lines = re.split(r"[\r\n]+", text.lstrip("\ufeff"))
     return next((line for line in lines if not is_filler(line)), "")

@@ -30,7 +30,7 @@ from ml_dash_mcap.errors import (
     UndecodedWarning,
     UsageError,
 )
-from ml_dash_mcap.formats import readers
+from ml_dash_mcap.formats import registry
 from ml_dash_mcap.formats.ros.bag_ros1.read import Ros1File
 from ml_dash_mcap.recording import Recording
 from tests.support import shared, system_python
@@ -391,8 +391,8 @@ def test_what_is_no_bag_is_told_from_one(tmp_path: Path) -> None:
     base.close()
     refused(tmp_path / "x.db3", tmp_path, DamagedFileError, "no bag")
     (tmp_path / "x.txt").write_text("text")
-    assert readers.detect(tmp_path / "x.txt") is None
-    assert readers.detect(tmp_path / "nothing") is None
+    assert registry.detect(tmp_path / "x.txt") is None
+    assert registry.detect(tmp_path / "nothing") is None
     refused(tmp_path / "x.txt", tmp_path, FormatError, "format=")
 
 

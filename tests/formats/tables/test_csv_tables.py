@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, Recording, convert
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError, OptionError, UsageError
-from ml_dash_mcap.formats import readers
+from ml_dash_mcap.formats import registry
 from ml_dash_mcap.formats.tables.csv import tokens
 from tests.formats.tables.test_parquet import normal, rows
 from tests.support import shared
@@ -357,7 +357,7 @@ def test_any_rows_of_ours_come_back(drawn: list[dict[str, Any]]) -> None:
 
 
 def test_a_take_goes_to_the_reader_of_its_format() -> None:
-    assert readers.detect(shared.file("mocap/a-motive-1.21-rigidbody.csv")) == "mocap"
+    assert registry.detect(shared.file("mocap/a-motive-1.21-rigidbody.csv")) == "mocap"
 
 
 def test_a_take_among_tables_is_named(tmp_path: Path) -> None:
@@ -381,7 +381,7 @@ def test_a_take_among_tables_is_named(tmp_path: Path) -> None:
     ],
 )
 def test_a_text_file_is_detected_by_its_first_line(tmp_path: Path, text: str, name: str, format: str | None) -> None:
-    assert readers.detect(written(tmp_path, text, name)) == format
+    assert registry.detect(written(tmp_path, text, name)) == format
 
 
 def test_memory_is_bounded_by_what_is_read_at_a_time(tmp_path: Path) -> None:

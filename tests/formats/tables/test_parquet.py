@@ -588,9 +588,9 @@ def test_a_topic_can_be_named(tmp_path: Path) -> None:
 def test_a_folder_with_anything_else_in_it_is_no_table(tmp_path: Path) -> None:
     written(tmp_path, {"time": [0.0], "x": [1]})
     (tmp_path / "notes.md").write_text("x")
-    from ml_dash_mcap.formats import readers
+    from ml_dash_mcap.formats import registry
 
-    assert readers.detect(tmp_path) is None
+    assert registry.detect(tmp_path) is None
 
 
 RANDOM = st.fixed_dictionaries(

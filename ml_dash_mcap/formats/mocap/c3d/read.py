@@ -12,14 +12,14 @@ import numpy as np
 
 from ....errors import ConversionWarning, ForeignFileError
 from ....meaning import rotations
-from ....meaning.mocap_objects import MARKERS_TOPIC
 from ....meaning.space import DECIMALS, turned, turned_rotations, unit_of
 from ....recorder import Recorder
-from ...readers import Progress
-from ...text.headers import check_on_bad, unit_of_length
+from ...registry import Progress
+from ...text.headers import unit_of_length
 from ...text.number_cells import Floats
 from .. import placement
 from ..placement import Note
+from ..take_options import C3dReadOptions
 from ..track_rows import Arrays
 from . import contents, frame_data, parameters
 from .contents import Layout
@@ -27,28 +27,10 @@ from .frame_data import Data, Frames
 from .parameters import Head
 
 GROUP = "ML_DASH"
-_MAGIC = 0x50
 _ROWS = 4096
 
 
-def detect(path: Path) -> str | None:
-    """Return "c3d" for a C3D file."""
-    if path.suffix.lower() != ".c3d" or not path.is_file():
-        return None
-    with path.open("rb") as file:
-        return "c3d" if file.read(2)[1:] == bytes((_MAGIC,)) else None
-
-
-def record(
-    src: Path,
-    recorder: Recorder,
-    *,
-    progress: Progress | None = None,
-    on_bad: str = "raise",
-    start: float | None = None,
-    topic: str = MARKERS_TOPIC,
-    length_units: str | None = None,
-) -> None:
+def record(src: Path, recorder: Recorder, options: C3dReadOptions, progress: Progress | None) -> None:
     """Append a C3D file, in metres: one topic with `markers` by name; `set:name` is a marker of the topic `set`.
 
     Points that the file names as angles, forces, moments, powers or scalars are fields of the topic `model_outputs`, in
@@ -59,21 +41,17 @@ def record(
     Args:
         src: The file.
         recorder: Where its rows go.
+        options: How to read it.
         progress: Called now and then with the rows done and the rows in all.
-        on_bad: What to do with a file that ends too early: "raise", or "missing" to read what it has and warn.
-        start: The time stamp of its first frame, in s; the file does not say it.
-        topic: The topic of markers that belong to no set.
-        length_units: Of the file, instead of what it says.
 
     Raises:
         ForeignFileError: The file is damaged, or its unit is not known.
     """
-    check_on_bad(on_bad)
     if not src.stat().st_size:
         raise ForeignFileError(src, "it is no whole C3D file: it is empty")
     raw = memoryview(cast(Any, np.memmap(src, np.uint8, "r")))
     head = parameters.read(src, raw)
-    data, is_cut = frame_data.lay_out(src, head, raw, is_lenient=on_bad == "missing")
+    data, is_cut = frame_data.lay_out(src, head, raw, is_lenient=options.on_bad == "missing")
     if is_cut:
         warnings.warn(
             f"{src}: it ends after {data.count} whole frames; those are read", ConversionWarning, stacklevel=2
@@ -81,12 +59,12 @@ def record(
     matrices, ratio = frame_data.rotations(src, head, raw, data.count)
     width = 3 * head.points + 4 * matrices.shape[1] + data.channels
     note = _note(head, width) if data.samples <= 1 and ratio == 1 else None
-    unit = _unit(src, head, length_units)
-    take = _Take(src, recorder, head, data, raw, matrices, ratio, unit, start)
+    unit = _unit(src, head, options.length_units)
+    take = _Take(src, recorder, head, data, raw, matrices, ratio, unit, options.start)
     if note is not None:
         take.restore(note, progress)
     else:
-        take.append(contents.lay_out(head, data, matrices.shape[1], unit, topic), progress)
+        take.append(contents.lay_out(head, data, matrices.shape[1], unit, options.topic), progress)
 
 
 @dataclass(frozen=True, slots=True)

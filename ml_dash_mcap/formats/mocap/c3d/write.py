@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +19,7 @@ from .. import take_clock as rates
 from ..motive.write import note_of, nothing
 from ..placement import Note, Placing, to_text
 from ..take import Floats, Take, Thing, found_in
-from ..take_clock import Rate
-from ..take_options import TakeOptions, check, check_decimals
+from ..take_options import C3dWriteOptions
 
 MOST_FRAMES = 65_535
 GROUP = "ML_DASH"
@@ -31,55 +30,37 @@ _ROUNDING_M = 1e-4
 """Rounding to float32 that moves a point by more draws a warning."""
 
 
-def export(
-    job: Job,
-    *,
-    rate: Rate = None,
-    length_units: Literal["m", "mm"] = "m",
-    up: Literal["z", "y"] | None = None,
-    joints: bool = True,
-    canonical: bool = True,
-    quat_order: Literal["xyzw", "wxyz"] | None = None,
-    on_bad: Literal["raise", "missing"] = "raise",
-) -> Path:
+def export(job: Job, options: C3dWriteOptions) -> Path:
     """Write markers and bodies into one C3D file; its numbers are float32. What is missing has the residual -1.
 
     The format has no times: a sample's time is that of its frame, at the rate that the file says.
 
     Args:
         job: What to export; its destination is the file.
-        rate: Frames a second, or "median", to resample to; None for the rows as they are, evenly spaced.
-        length_units: Of the file.
-        up: Which axis points up; None turns nothing.
-        joints: Whether joint angles are analog channels.
-        canonical: Whether quaternions follow each other without jumps where rotations are interpolated.
-        quat_order: Of the recording's quaternions, if its metadata does not say it.
-        on_bad: Whether a quaternion that is no rotation is an error, or a missing one.
+        options: How to write it.
 
     Raises:
         FormatError: The extra `c3d` is not installed.
         ConversionError: There are more than 65,535 frames, or nothing to write.
     """
-    check("length_units", length_units, ("m", "mm"))
-    check_decimals(None)
     refuse_existing(job.dest)
     file = package().c3d()
-    found = found_in(job, quat_order)
+    found = found_in(job, options.quat_order)
     things: list[Thing] = [body for one in found.values() for body in one.bodies]
     things += [marker for one in found.values() for marker in one.markers]
     if not things:
         raise ConversionError(nothing(job, any(one.joints for one in found.values())))
-    if joints:
+    if options.joints:
         things += [joint for one in found.values() for joint in one.joints]
-    clock = rates.find(job, [thing.topic for thing in things], rate)
+    clock = rates.find(job, [thing.topic for thing in things], options.rate)
     if clock.count > MOST_FRAMES:
         raise ConversionError(
             f"C3D holds at most {MOST_FRAMES} frames, and these are {clock.count}: choose a part by start= and end=,"
             " or a lower rate="
         )
-    take = Take(job, TakeOptions(rate, up, canonical, quat_order, on_bad), things, clock)
+    take = Take(job, options, things, clock)
     values = np.concatenate([window.values for window in take.windows()])
-    _fill(file, take, values, length_units)
+    _fill(file, take, values, options.length_units)
     with fresh_file(job.dest) as path:
         named = path.with_name(f"{path.name}.c3d")  # ezc3d would add the suffix itself
         try:

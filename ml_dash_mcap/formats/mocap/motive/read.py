@@ -14,15 +14,16 @@ from pathlib import Path
 
 from ....meaning.space import DECIMALS
 from ....recorder import Recorder
-from ...readers import Progress
+from ...registry import Progress
 from ...text.dialect import number, of_line
-from ...text.headers import Header, check_on_bad, preview
+from ...text.headers import Header, preview
 from ...text.number_cells import Cells, Floats, Part
-from ...text.plain_text import first_line, opened
+from ...text.plain_text import opened
 from .. import joined_tables, placement, restored, row_times, start_times
 from ..placement import NOTE_KEY, Note, Placement
 from ..row_times import Clue, Timing
 from ..sto import read as sto
+from ..take_options import MotiveReadOptions
 from ..track_rows import Report, Tracks, checked
 from . import column_header, contents
 from .contents import LENGTHS
@@ -30,24 +31,7 @@ from .contents import LENGTHS
 _START = "Capture Start Time"
 
 
-def detect(path: Path) -> str | None:
-    """Return "mocap" for a file of Motive's."""
-    words = first_line(path).lstrip(' \t"')
-    if not words.startswith("Format Version"):
-        return None
-    return "mocap" if words.removeprefix("Format Version").lstrip(' "')[:1] in (",", ";", "\t") else None
-
-
-def record(
-    src: Path,
-    recorder: Recorder,
-    *,
-    progress: Progress | None = None,
-    on_bad: str = "raise",
-    timezone: str = "UTC",
-    start: float | None = None,
-    length_units: str | None = None,
-) -> None:
+def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: Progress | None) -> None:
     """Append a take: a topic a rigid body, with `pos`, `quat` (x y z w) and markers, and one for loose markers.
 
     Lengths become metres; axes stay as they are. What is occluded is absent from its row. Columns of a kind that is not
@@ -57,16 +41,12 @@ def record(
     Args:
         src: The file.
         recorder: Where its rows go.
+        options: How to read it.
         progress: Called now and then with the rows done and the rows in all.
-        on_bad: What to do with cells that are no numbers: "raise", or "missing" to leave them out and warn.
-        timezone: Of the file's start time, for it does not say: an IANA name.
-        start: The time stamp of the file's time 0, instead of its start time, in s.
-        length_units: Of the file, instead of what it says.
 
     Raises:
         ForeignFileError: The file is not as Motive writes it; says the line and the column.
     """
-    check_on_bad(on_bad)
     report = Report(src, progress)
     with opened(src) as file, contextlib.ExitStack() as files:
         header = Header(src, file)
@@ -76,21 +56,23 @@ def record(
         layout = column_header.read_columns(src, header, dialect)
         columns, leading = layout.columns, layout.leading
         note = placement.from_text(pairs.get(NOTE_KEY, ""), len(columns))
-        unit = column_header.unit_of(src, pairs, length_units)
+        unit = column_header.unit_of(src, pairs, options.length_units)
         lengths = {at for at, column in enumerate(columns) if column.group in LENGTHS}
         shifts = [-DECIMALS[unit] if at in lengths else 0 for at in range(len(columns))]
         if note:
             shifts = restored.shifts(note, DECIMALS[unit], len(columns), lengths)
-        cells = Cells(src, len(columns) + leading, dialect, [0] * leading + shifts, layout.time_codes, on_bad=on_bad)
+        cells = Cells(
+            src, len(columns) + leading, dialect, [0] * leading + shifts, layout.time_codes, on_bad=options.on_bad
+        )
         cells.learn([*itertools.chain(*preview(file))])
         line = header.line + 1
-        origin = start if start is not None else note.origin if note else None
+        origin = options.start if options.start is not None else note.origin if note else None
         if origin is None:
-            origin = start_times.read(src, pairs.get(_START, ""), _START, timezone) or 0.0
+            origin = start_times.read(src, pairs.get(_START, ""), _START, options.timezone) or 0.0
         clue = Clue(layout.time, 0, number(pairs.get("Export Frame Rate", "")))
         when = row_times.find(clue, cells, file, line, origin)
         first_s = row_times.first_stamp(clue, cells, file, when)
-        when = row_times.not_below_zero(src, when, [first_s], is_asked=start is not None)
+        when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
         placements, metadata = (note.placements, note.metadata) if note else contents.foreign(columns, pairs, unit)
         metadata = {topic: {**one, **when.metadata} for topic, one in metadata.items()}
         parts = _restored(cells.read(file, line), note, leading, layout) if note else cells.read(file, line)
@@ -103,7 +85,7 @@ def record(
                 tracks.append_from(cells, times, part.values[:, leading:], part, column)
                 report.add(len(part.values), part.at)
         else:
-            table = files.enter_context(sto.table(beside, on_bad=on_bad, start=start))
+            table = files.enter_context(sto.table(beside, on_bad=options.on_bad, start=options.start))
             others, more = table.layout(sto.TOPIC)
             tracks = Tracks(
                 src, recorder, [*placements, *_behind(others, len(columns))], {**more, **metadata}, skip_empty=True

@@ -27,27 +27,9 @@ from ..placement import NOTE_KEY, Note, Placing, to_text
 from ..sto import write as sto
 from ..table_text import TableText
 from ..take import Take, Thing, found_in
-from ..take_options import TakeOptions, check
+from ..take_options import MocapWriteOptions
 
-VERSIONS = ("1.23", "1.25")
 _WORDS = {"m": "Meters", "cm": "Centimeters", "mm": "Millimeters"}
-
-
-@dataclass(frozen=True, slots=True)
-class Form:
-    """How a file looks."""
-
-    version: str
-    length_units: str
-    decimals: int | None
-    joints: str | None
-    """"sto" beside the file, "columns" in it, or None."""
-
-    def __post_init__(self) -> None:
-        check("format_version", self.version, VERSIONS)
-        check("length_units", self.length_units, tuple(_WORDS))
-        if self.joints is not None:
-            check("joints", self.joints, ("sto", "columns"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +45,7 @@ class _Column:
     is_length: bool
 
 
-def write(job: Job, options: TakeOptions, form: Form) -> Path:
+def write(job: Job, options: MocapWriteOptions) -> Path:
     """Write one file of a job's bodies and markers, and perhaps one beside it of its joints.
 
     Raises:
@@ -77,9 +59,9 @@ def write(job: Job, options: TakeOptions, form: Form) -> Path:
     joints = [joint for one in found.values() for joint in one.joints]
     if not things:
         raise ConversionError(nothing(job, bool(joints)))
-    if form.joints == "columns":
+    if options.joints == "columns":
         things += joints
-    has_beside = form.joints == "sto" and bool(joints)
+    has_beside = options.joints == "sto" and bool(joints)
     beside = job.dest.with_name(f"{job.dest.stem}.joints.sto")
     with_origin = [thing.topic for thing in (*things, *(joints if has_beside else ()))]
     clock = rates.find(job, [thing.topic for thing in things], options.rate, with_origin=with_origin)
@@ -88,9 +70,9 @@ def write(job: Job, options: TakeOptions, form: Form) -> Path:
         if has_beside:
             refuse_existing(beside)
             joints_file = files.enter_context(fresh_file(beside))
-            sto.write(job, joints, options, joints_file, decimals=form.decimals, with_origin=with_origin)
+            sto.write(job, joints, options, joints_file, decimals=options.decimals, with_origin=with_origin)
         with path.open("wb") as file:
-            _write(Take(job, options, things, clock), form, file, beside.name if has_beside else None)
+            _write(Take(job, options, things, clock), options, file, beside.name if has_beside else None)
     return job.dest
 
 
@@ -104,14 +86,16 @@ def nothing(job: Job, has_joints: bool) -> str:
     )
 
 
-def _write(take: Take, form: Form, file: BinaryIO, joints: str | None) -> None:
+def _write(take: Take, options: MocapWriteOptions, file: BinaryIO, joints: str | None) -> None:
     columns = list(_columns(take))
-    file.write(_header(take, form, columns, joints).encode())
-    text = TableText(decimals=form.decimals, time_decimals=take.clock.time_decimals(form.decimals))
+    file.write(_header(take, options, columns, joints).encode())
+    text = TableText(decimals=options.decimals, time_decimals=take.clock.time_decimals(options.decimals))
     order = [column.source for column in columns]
     is_in_order = order == list(range(sum(1 for _ in order)))
     units = {id(one.thing): take.unit_of(one.thing) for one in columns if one.is_length}
-    shifts = [DECIMALS[form.length_units] - DECIMALS[units[id(one.thing)]] if one.is_length else 0 for one in columns]
+    shifts = [
+        DECIMALS[options.length_units] - DECIMALS[units[id(one.thing)]] if one.is_length else 0 for one in columns
+    ]
     for window in take.windows():
         values = window.values if is_in_order and window.values.shape[1] == len(order) else window.values[:, order]
         file.write(text.rows(text.heads(window.frames, window.times), values, shifts))
@@ -130,12 +114,12 @@ def _columns(take: Take) -> Iterator[_Column]:
             yield _Column(thing, at, "Angle", "", False)
 
 
-def _header(take: Take, form: Form, columns: Sequence[_Column], joints: str | None) -> str:
-    rows: list[list[str]] = [_pairs(take, form, columns, joints), []]
+def _header(take: Take, options: MocapWriteOptions, columns: Sequence[_Column], joints: str | None) -> str:
+    rows: list[list[str]] = [_pairs(take, options, columns, joints), []]
     rows.append(["", "Type", *(_type(column.thing) for column in columns)])
     rows.append(["", "Name", *(column.thing.name for column in columns)])
     rows.append(["", "ID", *(_identity(column.thing) for column in columns)])
-    if form.version == "1.25":
+    if options.format_version == "1.25":
         bodies = {thing.topic: thing.name for thing in reversed(take.things) if isinstance(thing, Body)}
         parents = ["" if isinstance(one.thing, Body) else bodies.get(one.thing.topic, "") for one in columns]
         rows.append(["", "Parent", *parents])
@@ -147,13 +131,13 @@ def _header(take: Take, form: Form, columns: Sequence[_Column], joints: str | No
     return text.getvalue()
 
 
-def _pairs(take: Take, form: Form, columns: Sequence[_Column], joints: str | None) -> list[str]:
+def _pairs(take: Take, options: MocapWriteOptions, columns: Sequence[_Column], joints: str | None) -> list[str]:
     clock, topics = take.clock, take.job.topics
     first = take.things[0].topic
     orders = {thing.order for thing in take.things if isinstance(thing, Body)}
     rate = f"{clock.rate:.6f}"
     pairs = {
-        "Format Version": form.version,
+        "Format Version": options.format_version,
         "Take Name": take.job.dest.stem,
         "Take Notes": "",
         "Capture Frame Rate": rate,
@@ -162,7 +146,7 @@ def _pairs(take: Take, form: Form, columns: Sequence[_Column], joints: str | Non
         "Total Frames in Take": str(clock.count),
         "Total Exported Frames": str(clock.count),
         "Rotation Type": "Quaternion",
-        "Length Units": _WORDS[form.length_units],
+        "Length Units": _WORDS[options.length_units],
         "Coordinate Space": "Global",
         "ML Dash Topic": first,
         "ML Dash Start Timestamp": repr(clock.origin),

@@ -11,23 +11,24 @@ import numpy as np
 
 from ....errors import ForeignFileError
 from ....meaning import rotations
-from ....meaning.mocap_objects import MARKERS_TOPIC
 from ....meaning.space import DECIMALS
 from ....recorder import Recorder
+from ...file_signs import QTM_FIRST_LINE
+from ...file_start import FileStart
 from ...foreign_names import distinct
-from ...readers import Progress
+from ...registry import Progress
 from ...text.dialect import Dialect, number, of_line
-from ...text.headers import Header, check_on_bad, preview, without_empty_end
+from ...text.headers import Header, preview, without_empty_end
 from ...text.number_cells import Cells, Floats, Part
-from ...text.plain_text import first_line, is_filler, opened
+from ...text.plain_text import is_filler, opened
 from .. import placement, restored, row_times, start_times
 from ..placement import Placement
 from ..row_times import Clue, Timing
+from ..take_options import QtmReadOptions
 from ..track_rows import Report, Tracks
 from ..trc.read import about_points, marker
 
 NOTE_WORD = "ML_DASH_NOTE"
-_FIRST_WORD = re.compile(r'[ \t"]*(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS)"? *[\t,;]')
 _WORD = re.compile(r"[A-Z][A-Z0-9_]*$")
 _BODY_COLUMNS = 16
 """X Y Z, roll pitch yaw, residual, and the rotation matrix column by column."""
@@ -37,21 +38,7 @@ _OUT_COLUMNS = 11
 """Position, quaternion, angles and residual of a body."""
 
 
-def detect(path: Path) -> str | None:
-    """Return "qtm" for a TSV file of QTM's."""
-    return "qtm" if _FIRST_WORD.match(first_line(path)) else None
-
-
-def record(
-    src: Path,
-    recorder: Recorder,
-    *,
-    progress: Progress | None = None,
-    on_bad: str = "raise",
-    timezone: str = "UTC",
-    start: float | None = None,
-    topic: str = MARKERS_TOPIC,
-) -> None:
+def record(src: Path, recorder: Recorder, options: QtmReadOptions, progress: Progress | None) -> None:
     """Append a TSV file, in metres: one topic with `markers` by name, or a topic a body with `pos` and `quat`.
 
     A body also has its `angles` (roll, pitch, yaw as the file defines them, in degrees) and its `residual`.
@@ -59,20 +46,16 @@ def record(
     Args:
         src: The file.
         recorder: Where its rows go.
+        options: How to read it.
         progress: Called now and then with the rows done and the rows in all.
-        on_bad: What to do with cells that are no numbers: "raise", or "missing" to leave them out and warn.
-        timezone: Of the file's time stamp, for it does not say: an IANA name.
-        start: The time stamp of its time 0, instead of the file's time stamp, in s.
-        topic: The topic of markers that belong to no set.
 
     Raises:
         ForeignFileError: The file is not as QTM writes it; says the line and the column.
     """
-    check_on_bad(on_bad)
     report = Report(src, progress)
     with opened(src) as file:
         header = Header(src, file)
-        dialect = of_line(_FIRST_WORD.match(first_line(src)).group(0)[-1])  # type: ignore[union-attr]
+        dialect = _dialect(src)
         keys, has_times = _keys(src, header, dialect)
         has_bodies = "BODY_NAMES" in keys
         names = _names(keys["BODY_NAMES" if has_bodies else "MARKER_NAMES"], "body" if has_bodies else "marker")
@@ -82,16 +65,16 @@ def record(
         is_length = [at % per_name < 3 or (has_bodies and at % per_name == 6) for at in range(count)]
         shifts = [-DECIMALS["mm"] if one else 0 for one in is_length]
         groups = [tuple(range(at, at + 3)) for at in range(0, count, per_name)]
-        origin = start
+        origin = options.start
         if note and not has_bodies:
             shifts = restored.shifts(note, DECIMALS["mm"], count, range(count))
-            origin = note.origin if start is None else start
+            origin = note.origin if options.start is None else options.start
         if origin is None:
-            origin = start_times.read(src, " ".join(keys.get("TIME_STAMP", [])), "TIME_STAMP", timezone) or 0.0
+            origin = start_times.read(src, " ".join(keys.get("TIME_STAMP", [])), "TIME_STAMP", options.timezone) or 0.0
         leading = 2 if has_times else 0
         cells = Cells(
             src, count + leading, dialect, [0] * leading + shifts, allow_short=True,
-            on_bad=on_bad, keeps_blank_rows=not has_times,
+            on_bad=options.on_bad, keeps_blank_rows=not has_times,
         )  # fmt: skip
         cells.learn([*itertools.chain(*preview(file))])
         rate, line = _rate(src, keys, has_times), header.line + 1
@@ -100,12 +83,12 @@ def record(
             clue = Clue(1, 0, rate, (1.0, 0.0))
             when = row_times.find(clue, cells, file, line, origin)
             first_s = row_times.first_stamp(clue, cells, file, when)
-            when = row_times.not_below_zero(src, when, [first_s], is_asked=start is not None)
+            when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
         if note and not has_bodies:
             metadata = {name: {**one, **when.metadata} for name, one in note.metadata.items()}
             tracks = Tracks(src, recorder, note.placements, metadata, skip_empty=True)
         else:
-            found = [one for at, name in enumerate(names) for one in _placed(name, at, topic, has_bodies)]
+            found = [one for at, name in enumerate(names) for one in _placed(name, at, options.topic, has_bodies)]
             tracks = Tracks(src, recorder, found, _about(found, has_bodies, keys, when))
         row, most = 0, _frame_count(keys)
         for part in cells.read(file, line):
@@ -122,6 +105,12 @@ def record(
             report.add(len(numbers), part.at)
             row += len(numbers)
     report.finish(cells.bad)
+
+
+def _dialect(path: Path) -> Dialect:
+    """Return the dialect of a file by what stands behind its first word."""
+    beginning = QTM_FIRST_LINE.match(FileStart(path).first_line)
+    return of_line(beginning.group(0)[-1] if beginning else "")
 
 
 def _keys(path: Path, header: Header, dialect: Dialect) -> tuple[dict[str, list[str]], bool]:

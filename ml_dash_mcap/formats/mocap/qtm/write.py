@@ -4,39 +4,26 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
-from typing import Literal
 
 from .... import clock as clocks
 from ...destination import fresh_file
 from ...export_job import Job
 from ..placement import to_text
 from ..table_text import TableText
-from ..take_clock import Rate
-from ..take_options import TakeOptions, check_decimals
+from ..take_options import QtmWriteOptions
 from ..take_points import find
 
 NOTE_WORD = "ML_DASH_NOTE"
 
 
-def export(
-    job: Job,
-    *,
-    rate: Rate = None,
-    up: Literal["z", "y"] | None = None,
-    decimals: int | None = None,
-    on_bad: Literal["raise", "missing"] = "raise",
-) -> Path:
+def export(job: Job, options: QtmWriteOptions) -> Path:
     """Write markers, and the positions of bodies, into one TSV file, in mm; what is missing is blank.
 
     Args:
         job: What to export; its destination is the file.
-        rate: Frames a second, or "median", to resample to; None for the rows as they are, evenly spaced.
-        up: Which axis points up. None turns nothing.
-        decimals: How many each number has; None for as many as it needs to come back the same.
-        on_bad: Whether a rotation that is none is an error, or missing.
+        options: How to write it.
     """
-    check_decimals(decimals)
-    points = find(job, TakeOptions(rate, up, on_bad=on_bad), "mm")
+    points = find(job, options, "mm")
     clock, names = points.take.clock, points.names
     pairs = [
         ("FILE_VERSION", "2.0.0"),
@@ -53,7 +40,7 @@ def export(
         ("MARKER_NAMES", "\t".join(names)),
     ]
     labels = ["Frame", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
-    text = TableText(separator="\t", decimals=decimals, time_decimals=clock.time_decimals(decimals))
+    text = TableText(separator="\t", decimals=options.decimals, time_decimals=clock.time_decimals(options.decimals))
     with fresh_file(job.dest) as path, path.open("wb") as file:
         file.write("".join(f"{key}\t{value}\r\n" for key, value in pairs).encode())
         file.write(("\t".join(labels) + "\r\n").encode())

@@ -12,28 +12,23 @@ from typing import Any, BinaryIO
 from ....errors import ForeignFileError
 from ....recorder import Recorder
 from ...foreign_names import distinct
-from ...readers import Progress
+from ...registry import Progress
 from ...text.dialect import BLANKS, Dialect, number, of_line
-from ...text.headers import Header, check_on_bad, preview, without_empty_end
+from ...text.headers import Header, preview, without_empty_end
 from ...text.number_cells import Cells, Floats, Part
 from ...text.plain_text import opened
 from .. import placement, row_times
 from ..placement import Note, Placement
 from ..row_times import Clue, Timing
+from ..take_options import StoReadOptions
 from ..track_rows import Report, Tracks, checked
 from . import vectors
 
 NOTE_LINE = "ml_dash_note"
 TOPIC = "joints"
-_SUFFIXES = (".sto", ".mot")
 _MOST_HEADER_LINES = 1000
 _QUOTED = re.compile(r'"((?:[^"]|"")*)"')
 _DOUBLES = ("", "double", "float")
-
-
-def detect(path: Path) -> str | None:
-    """Return "sto" for a storage file."""
-    return "sto" if path.suffix.lower() in _SUFFIXES and path.is_file() else None
 
 
 def beside(path: Path, name: str | None) -> Path | None:
@@ -44,15 +39,7 @@ def beside(path: Path, name: str | None) -> Path | None:
     return found if found.is_file() else None
 
 
-def record(
-    src: Path,
-    recorder: Recorder,
-    *,
-    progress: Progress | None = None,
-    on_bad: str = "raise",
-    start: float | None = None,
-    topic: str | None = None,
-) -> None:
+def record(src: Path, recorder: Recorder, options: StoReadOptions, progress: Progress | None) -> None:
     """Append a storage file: one topic, whose field `q` has all columns, with their names as its `joint_names`.
 
     Angles stay in the unit of the file, which the topic's metadata says. Columns of vectors and quaternions
@@ -62,19 +49,16 @@ def record(
     Args:
         src: The file.
         recorder: Where its rows go.
+        options: How to read it.
         progress: Called now and then with the rows done and the rows in all.
-        on_bad: What to do with cells that are no numbers: "raise", or "missing" to leave them out and warn.
-        start: The time stamp of its time 0, in s.
-        topic: What to call the topic; by default "joints", for quaternions "orientations", for vectors "vectors".
 
     Raises:
         ForeignFileError: The file is no storage file; says the line and the column.
     """
-    check_on_bad(on_bad)
     report = Report(src, progress)
-    with table(src, on_bad=on_bad, start=start) as found:
+    with table(src, on_bad=options.on_bad, start=options.start) as found:
         kind = vectors.KINDS.get(found.data_type)
-        placements, metadata = found.layout(topic or (TOPIC if kind is None else kind.topic))
+        placements, metadata = found.layout(options.topic or (TOPIC if kind is None else kind.topic))
         tracks = Tracks(src, recorder, placements, metadata, skip_empty=found.note is not None)
         for part in found.parts():
             times = found.when.stamps(part.values[:, 0], part.values[:, 0])

@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -20,16 +20,13 @@ from .. import take_clock as rates
 from ..placement import Note, Placing, to_text
 from ..table_text import TableText
 from ..take import Take, found_in, is_ragged, numeric
-from ..take_clock import Rate
-from ..take_options import TakeOptions, check_decimals
+from ..take_options import StoWriteOptions, TakeOptions
 
 NOTE_LINE = "ml_dash_note"
 """The key of the header's line that says what the recording was."""
 
 
-def export(
-    job: Job, *, rate: Rate = None, decimals: int | None = None, what: Literal["joints", "all"] = "joints"
-) -> Path:
+def export(job: Job, options: StoWriteOptions) -> Path:
     """Write joint angles, speeds, efforts and grippers into one .sto file.
 
     Rows without a number that others have are left out, for OpenSim stops reading there. Angles are in radians, unless
@@ -37,13 +34,10 @@ def export(
 
     Args:
         job: What to export; its destination is the file.
-        rate: Frames a second, or "median", to resample to; None for the rows as they are.
-        decimals: How many each number has; None for as many as it needs to come back the same.
-        what: "joints", or "all" fields of numbers.
+        options: How to write it.
     """
-    check_decimals(decimals)
     refuse_existing(job.dest)
-    if what == "all":
+    if options.what == "all":
         joints = [one for topic in job.topics for one in every_number(job, topic)]
     else:
         joints = [joint for one in found_in(job, None).values() for joint in one.joints]
@@ -51,7 +45,7 @@ def export(
         names = ", ".join(map(repr, job.topics)) or "none"
         raise ConversionError(f"no joints in the topics ({names}): none has q, dq, tau or the like; pass what='all'")
     with fresh_file(job.dest) as path:
-        write(job, joints, TakeOptions(rate), path, decimals=decimals)
+        write(job, joints, options, path, decimals=options.decimals)
     return job.dest
 
 

@@ -7,54 +7,36 @@ from pathlib import Path
 from typing import Any
 
 from ....errors import ForeignFileError
-from ....meaning.mocap_objects import MARKERS_TOPIC
 from ....meaning.space import DECIMALS
 from ....recorder import Recorder
 from ...foreign_names import distinct
-from ...readers import Progress
+from ...registry import Progress
 from ...text.dialect import Dialect, number, of_line
-from ...text.headers import Header, check_on_bad, preview, refuse_numbers, unit_of_length
+from ...text.headers import Header, preview, refuse_numbers, unit_of_length
 from ...text.number_cells import Cells
-from ...text.plain_text import first_line, opened
+from ...text.plain_text import opened
 from .. import placement, restored, row_times, stated_units
 from ..placement import NOTE_KEY, Placement
 from ..row_times import Clue
+from ..take_options import TrcReadOptions
 from ..track_rows import Report, Tracks
 
 _LEADING = 2
 """Columns before those of markers: frame and time."""
 
 
-def detect(path: Path) -> str | None:
-    """Return "trc" for a marker file."""
-    return "trc" if first_line(path).strip(' \t"').startswith("PathFileType") else None
-
-
-def record(
-    src: Path,
-    recorder: Recorder,
-    *,
-    progress: Progress | None = None,
-    on_bad: str = "raise",
-    start: float | None = None,
-    topic: str = MARKERS_TOPIC,
-    length_units: str | None = None,
-) -> None:
+def record(src: Path, recorder: Recorder, options: TrcReadOptions, progress: Progress | None) -> None:
     """Append a marker file: one topic with `markers` by name, in metres; `set:name` is a marker of the topic `set`.
 
     Args:
         src: The file.
         recorder: Where its rows go.
+        options: How to read it.
         progress: Called now and then with the rows done and the rows in all.
-        on_bad: What to do with cells that are no numbers: "raise", or "missing" to leave them out and warn.
-        start: The time stamp of its time 0, in s.
-        topic: The topic of markers that belong to no set.
-        length_units: Of the file, instead of what it says.
 
     Raises:
         ForeignFileError: The file is no marker file; says the line and the column.
     """
-    check_on_bad(on_bad)
     report = Report(src, progress)
     with opened(src) as file:
         header = Header(src, file)
@@ -66,27 +48,27 @@ def record(
         keys = header.row("the row of keys", dialect)
         values = header.row("the row of values", dialect)
         said = {key.lower(): value for key, value in zip(keys, values, strict=False)}
-        unit = _unit(src, said, keys, header.line, length_units)
+        unit = _unit(src, said, keys, header.line, options.length_units)
         names = _names(src, header, said, dialect)
         count = 3 * len(names)
         note = placement.from_text(about[about.index(NOTE_KEY) + 1], count) if NOTE_KEY in about[:-1] else None
         groups = [tuple(range(at, at + 3)) for at in range(0, count, 3)]
-        shifts, origin = [-DECIMALS[unit]] * count, start or 0.0
+        shifts, origin = [-DECIMALS[unit]] * count, options.start or 0.0
         if note:
             shifts = restored.shifts(note, DECIMALS[unit], count, range(count))
-            origin = note.origin if start is None else start
-        cells = Cells(src, count + _LEADING, dialect, [0, 0, *shifts], allow_short=True, on_bad=on_bad)
+            origin = note.origin if options.start is None else options.start
+        cells = Cells(src, count + _LEADING, dialect, [0, 0, *shifts], allow_short=True, on_bad=options.on_bad)
         cells.learn([*itertools.chain(*preview(file))])
         line = header.line + 1
         clue = Clue(1, 0, number(said.get("datarate", "")), _starts(said))
         when = row_times.find(clue, cells, file, line, origin)
         first_s = row_times.first_stamp(clue, cells, file, when)
-        when = row_times.not_below_zero(src, when, [first_s], is_asked=start is not None)
+        when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
         if note:
             metadata = {name: {**one, **when.metadata} for name, one in note.metadata.items()}
             tracks = Tracks(src, recorder, note.placements, metadata, skip_empty=True)
         else:
-            placements = [marker(name, at, topic) for name, at in zip(names, groups, strict=True)]
+            placements = [marker(name, at, options.topic) for name, at in zip(names, groups, strict=True)]
             tracks = Tracks(src, recorder, placements, about_points(placements, unit, when.metadata))
         for part in cells.read(file, line):
             numbers = part.values[:, _LEADING:]

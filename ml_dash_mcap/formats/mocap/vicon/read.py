@@ -12,18 +12,18 @@ import numpy as np
 from ....errors import ForeignFileError
 from ....file_names import MESSAGE
 from ....meaning import space
-from ....meaning.mocap_objects import MARKERS_TOPIC
 from ....recorder import Recorder
 from ....topic import Topic
-from ...readers import Progress
+from ...registry import Progress
 from ...text.dialect import number
-from ...text.headers import check_on_bad, preview
+from ...text.headers import preview
 from ...text.number_cells import Cells, Floats
-from ...text.plain_text import first_line, opened
+from ...text.plain_text import opened
 from .. import restored, row_times, stated_units
 from ..joined_tables import joined
 from ..placement import Note, Placement
 from ..row_times import Timing
+from ..take_options import ViconReadOptions
 from ..track_rows import Report, Tracks, checked
 from . import contents, sections
 from .sections import LEADING, Section
@@ -32,20 +32,7 @@ _MM = space.DECIMALS["mm"]
 _EVENTS_TOPIC = "events"
 
 
-def detect(path: Path) -> str | None:
-    """Return "vicon" for a CSV file of Vicon's."""
-    return "vicon" if sections.title_of(first_line(path)) in sections.SECTIONS else None
-
-
-def record(
-    src: Path,
-    recorder: Recorder,
-    *,
-    progress: Progress | None = None,
-    on_bad: str = "raise",
-    start: float | None = None,
-    topic: str = MARKERS_TOPIC,
-) -> None:
+def record(src: Path, recorder: Recorder, options: ViconReadOptions, progress: Progress | None) -> None:
     """Append the sections of a file; lengths become metres, all else keeps its unit, which the metadata says.
 
     Trajectories are markers, those of a subject in a topic of its name. What has RX RY RZ RW TX TY TZ is a topic with
@@ -55,33 +42,30 @@ def record(
     Args:
         src: The file.
         recorder: Where its rows go.
+        options: How to read it.
         progress: Called now and then with the rows done and the rows in all.
-        on_bad: What to do with cells that are no numbers: "raise", or "missing" to leave them out and warn.
-        start: The time stamp of frame 1, in s; the file does not say it.
-        topic: The topic of markers without a subject.
 
     Raises:
         ForeignFileError: The file is not as Vicon writes it; says the line and the column.
     """
-    check_on_bad(on_bad)
     report = Report(src, progress)
     with opened(src) as file:
         contents = sections.read(src, file)
         note = contents.note
-        origin = start if start is not None else note.origin if note else 0.0
+        origin = options.start if options.start is not None else note.origin if note else 0.0
         before, tables = 0, []
         for section in contents.sections:
-            tables.append(_Table.of(src, file, section, note, before, topic, origin, on_bad))
+            tables.append(_Table.of(src, file, section, note, before, options.topic, origin, options.on_bad))
             before += len(section.axes)
         moved = row_times.not_below_zero(
-            src, Timing(origin), [one.first_stamp(file) for one in tables], is_asked=start is not None
+            src, Timing(origin), [one.first_stamp(file) for one in tables], is_asked=options.start is not None
         )
         for group in _connected(tables):
             _append(
                 src, recorder, file, [replace(one, when=replace(one.when, shift=moved.shift)) for one in group], report
             )
         bad = sum(one.cells.bad for one in tables)
-        bad += _append_events(src, recorder, contents.events, replace(moved, origin=origin), on_bad)
+        bad += _append_events(src, recorder, contents.events, replace(moved, origin=origin), options.on_bad)
     report.finish(bad)
 
 

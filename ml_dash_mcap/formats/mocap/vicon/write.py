@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 from ....meaning.mocap_objects import Body
 from ....meaning.space import DECIMALS
@@ -12,40 +11,24 @@ from ...export_job import Job
 from ..motive.write import note_of
 from ..placement import NOTE_KEY, Note, Placing, to_text
 from ..table_text import TableText
-from ..take_clock import Rate
-from ..take_options import TakeOptions, check_decimals
+from ..take_options import ViconWriteOptions
 from ..take_points import Points, find
 
 _TURNS = ("RX", "RY", "RZ", "RW", "TX", "TY", "TZ")
 
 
-def export(
-    job: Job,
-    *,
-    rate: Rate = None,
-    up: Literal["z", "y"] | None = None,
-    decimals: int | None = None,
-    canonical: bool = True,
-    quat_order: Literal["xyzw", "wxyz"] | None = None,
-    on_bad: Literal["raise", "missing"] = "raise",
-) -> Path:
+def export(job: Job, options: ViconWriteOptions) -> Path:
     """Write markers (section Trajectories) and bodies (section Objects, with quaternions) into one CSV file, in mm.
 
     The format has no times: a sample's time is that of its frame, at the rate that the file says.
 
     Args:
         job: What to export; its destination is the file.
-        rate: Frames a second, or "median", to resample to; None for the rows as they are, evenly spaced.
-        up: Which axis points up; None turns nothing.
-        decimals: How many each number has; None for as many as it needs to come back the same.
-        canonical: Whether quaternions are negated to follow each other without jumps.
-        quat_order: Of the recording's quaternions, if its metadata does not say it.
-        on_bad: Whether a quaternion that is no rotation is an error, or a missing one.
+        options: How to write it.
     """
-    check_decimals(decimals)
-    points = find(job, TakeOptions(rate, up, canonical, quat_order, on_bad), "mm", with_rotations=True)
+    points = find(job, options, "mm", with_rotations=True)
     bodies = [(thing, at) for thing, at in points.take.columns() if isinstance(thing, Body)]
-    text = TableText(decimals=decimals)
+    text = TableText(decimals=options.decimals)
     hz = repr(points.take.clock.rate).removesuffix(".0")
     with fresh_file(job.dest) as path, path.open("wb") as file:
         if points.things:

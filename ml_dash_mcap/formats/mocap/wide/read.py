@@ -12,48 +12,32 @@ import numpy as np
 
 from ....errors import ForeignFileError
 from ....recorder import Recorder
-from ...readers import Progress
+from ...registry import Progress
 from ...text.dialect import of_line
-from ...text.headers import Header, check_on_bad, preview, without_empty_end
+from ...text.headers import Header, preview, without_empty_end
 from ...text.number_cells import Cells
-from ...text.plain_text import first_line, opened
+from ...text.plain_text import opened
 from .. import row_times
 from ..placement import Placement
 from ..row_times import Clue, Timing
+from ..take_options import WideReadOptions
 from ..track_rows import Report, Tracks
 
-_START = re.compile(r'[ \t"]*frame[ \t"]*[,;\t][ \t"]*time[ \t"\r]*([,;\t]|$)', re.IGNORECASE)
 _INDEXED = re.compile(r"(.+?)((?:\.\d+)+)")
 
 
-def detect(path: Path) -> str | None:
-    """Return "wide" for a table whose first columns are frame and time."""
-    return "wide" if _START.match(first_line(path)) else None
-
-
-def record(
-    src: Path,
-    recorder: Recorder,
-    *,
-    progress: Progress | None = None,
-    on_bad: str = "raise",
-    start: float | None = None,
-    topic: str | None = None,
-) -> None:
+def record(src: Path, recorder: Recorder, options: WideReadOptions, progress: Progress | None) -> None:
     """Append a wide table: `q.0`, `q.1`, ... become the vector `q`, and `robot:q.0` one of the topic `robot`.
 
     Args:
         src: The file; its times are the time stamps.
         recorder: Where its rows go.
+        options: How to read it.
         progress: Called now and then with the rows done and the rows in all.
-        on_bad: What to do with cells that are no numbers: "raise", or "missing" to leave them out and warn.
-        start: The time stamp of its time 0, in s.
-        topic: The topic of columns that do not say theirs; the file's name by default.
 
     Raises:
         ForeignFileError: A cell is no number; says the line and the column.
     """
-    check_on_bad(on_bad)
     report = Report(src, progress)
     with opened(src) as file:
         header = Header(src, file)
@@ -62,12 +46,12 @@ def record(
         names = without_empty_end(dialect.split(text))[2:]
         if not names:
             raise ForeignFileError(src, "there are no columns behind those of frame and time", header.line, 3)
-        placements = _placements(names, topic or src.stem)
-        cells = Cells(src, len(names) + 2, dialect, on_bad=on_bad)
+        placements = _placements(names, options.topic or src.stem)
+        cells = Cells(src, len(names) + 2, dialect, on_bad=options.on_bad)
         cells.learn([*itertools.chain(*preview(file))])
-        when, clue = Timing(start or 0.0), Clue(1, 0)
+        when, clue = Timing(options.start or 0.0), Clue(1, 0)
         first_s = row_times.first_stamp(clue, cells, file, when)
-        when = row_times.not_below_zero(src, when, [first_s], is_asked=start is not None)
+        when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
         topics = dict.fromkeys(one.topic for one in placements)
         # a row is a row of every topic that has a number in it; of a topic alone it is one in any case
         tracks = Tracks(src, recorder, placements, dict.fromkeys(topics, when.metadata), skip_empty=len(topics) > 1)

@@ -13,11 +13,10 @@ from .. import take_clock as rates
 from ..sto.write import every_number
 from ..table_text import TableText, numbers
 from ..take import Take
-from ..take_clock import Rate
-from ..take_options import TakeOptions
+from ..take_options import MocapWriteOptions
 
 
-def write(job: Job, rate: Rate, decimals: int | None) -> Path:
+def write(job: Job, options: MocapWriteOptions) -> Path:
     """Write `frame,time,q.0,...`; several topics have their name before each column, `robot:q.0`.
 
     The time is `_ts` itself. Without a rate, each time stamp of any of the topics is a row. Fields that are no numbers
@@ -32,12 +31,12 @@ def write(job: Job, rate: Rate, decimals: int | None) -> Path:
     if not columns:
         names = ", ".join(map(repr, job.topics)) or "none"
         raise ConversionError(f"there are no numbers in the topics ({names}); export them with format='csv' or 'jsonl'")
-    clock = rates.find(job, topics, rate, needs_even=False)
-    take = Take(job, TakeOptions(rate), list(columns), clock)
+    clock = rates.find(job, topics, options.rate, needs_even=False)
+    take = Take(job, options, list(columns), clock)
     header = io.StringIO()
     labels = [f"{one.topic}:{one.name}" if len(topics) > 1 else one.name for one in columns]
     csv.writer(header, lineterminator="\n").writerow(["frame", "time", *labels])
-    text = TableText(end="\n", decimals=decimals)
+    text = TableText(end="\n", decimals=options.decimals)
     with fresh_file(job.dest) as path, path.open("wb") as file:
         file.write(header.getvalue().encode())
         for window in take.windows():

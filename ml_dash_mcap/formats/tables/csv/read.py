@@ -11,19 +11,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from ....errors import ForeignFileError, OptionError
+from ....errors import ForeignFileError
 from ....recorder import Recorder
 from ....rows.encode import TIME_KEY
 from ...foreign_names import distinct
-from ...readers import Progress
-from ...readers import detect as format_at
+from ...registry import Progress, detect
 from .. import table_files, table_times
-from ..table_intake import TableOptions
+from ..table_options import CsvReadOptions
 from . import tokens
 from . import types as csv_types
 from .tokens import Rows, Tokens
-
-SUFFIXES = (".csv", ".tsv")
 
 _SNIFFED_ROWS = 100
 _ROW_BYTES = 40
@@ -33,25 +30,7 @@ _OURS: Mapping[str, Any] = {"time": TIME_KEY, "flatten": True, "ragged": True}
 """What is known of a file whose first column is `_ts`, as `formats.tables.csv.write` writes it."""
 
 
-def detect(path: Path) -> str | None:
-    """Return "csv" for a CSV file, and for a folder of such and nothing else."""
-    return "csv" if table_files.are_at(path, SUFFIXES) else None
-
-
-def record(
-    src: Path,
-    recorder: Recorder,
-    *,
-    progress: Progress | None = None,
-    time_column: str | None = None,
-    time_unit: str | None = None,
-    topic: str | None = None,
-    start: float = 0.0,
-    on_bad: str = "raise",
-    separator: str | None = None,
-    decimal: str | None = None,
-    encoding: str = "utf-8",
-) -> None:
+def record(src: Path, recorder: Recorder, options: CsvReadOptions, progress: Progress | None) -> None:
     """Append CSV files, one topic a file.
 
     Each column has the type that holds all of its cells: integers, fractions, booleans, or text; empty cells are None.
@@ -62,35 +41,19 @@ def record(
     Args:
         src: A file, or a folder of such.
         recorder: Where to.
+        options: How to read it.
         progress: Called now and then with the rows done and the rows in all.
-        time_column: The column of times; found by its name by default, see `table_times`.
-        time_unit: What its numbers count: "s", "ms", "us" or "ns"; by default what its name says, or what is plain from
-            numbers of wall-clock time; seconds for other fractions.
-        topic: What to call the topic; by default the file's name.
-        start: The time stamp of the table's time 0, in s.
-        on_bad: What to do with rows without a time, or with fewer cells than the header: "raise", or "missing" to leave
-            out the first ones and take the cells of the others.
-        separator: What stands between cells; by default that of `,`, `;`, tab and `|` of which all rows have the same
-            number.
-        decimal: What stands before the fraction, "." or ","; found out by default, and never "," where that separates.
-        encoding: Of the text; a mark at the file's beginning comes first.
 
     Raises:
         ForeignFileError: A row has too many cells, no column is the time, or a time's unit is not plain; says where.
         NotFoundError: There is no such `time_column`.
     """
-    is_text = separator is None or isinstance(separator, str)
-    if not is_text or (separator is not None and (len(separator.encode()) != 1 or separator in '"\r\n')):
-        raise OptionError(f"separator={separator!r}: pass one letter, such as ';'")
-    if decimal not in (None, ".", ","):
-        raise OptionError(f"decimal={decimal!r}: pass '.' or ','")
-    options = TableOptions(time_column, time_unit, topic, start, on_bad)
 
     def opened(path: Path) -> _File:
-        found = "csv" if path == src else format_at(path)
+        found = "csv" if path == src else detect(path)
         if found != "csv":
             raise ForeignFileError(path, f"it is no plain table but of the format {found!r}; convert it by itself")
-        return _File(path, options, separator, decimal, encoding)
+        return _File(path, options)
 
     table_files.record(src, recorder, opened, options, progress, lambda path: path.stat().st_size // _ROW_BYTES)
 
@@ -98,14 +61,13 @@ def record(
 class _File:
     """One CSV file, of which all cells were looked at once."""
 
-    def __init__(
-        self, path: Path, options: TableOptions, separator: str | None, decimal: str | None, encoding: str
-    ) -> None:
+    def __init__(self, path: Path, options: CsvReadOptions) -> None:
         self.path = path
-        self._separator = separator or tokens.separator_of(path, encoding)
+        encoding = options.encoding
+        self._separator = options.separator or tokens.separator_of(path, encoding)
         rows = tokens.first_rows(path, self._separator, encoding, _SNIFFED_ROWS)
         self._names = _names(path, rows)
-        self._decimal = decimal or csv_types.decimal_of(rows[1:], self._separator)
+        self._decimal = options.decimal or csv_types.decimal_of(rows[1:], self._separator)
         is_ours = bool(self._names) and self._names[0] == TIME_KEY and options.time_column in (None, TIME_KEY)
         self.about = _OURS if is_ours else None
         self._tokens = Tokens(

@@ -11,6 +11,7 @@ from ....inspect.topics import TopicInfo
 from ....rows.table import Block
 from ... import per_topic
 from ...export_job import Counter, Job
+from ...registry import NoOptions
 from ...topic_part import Selection
 from .. import write_passes
 from . import cells
@@ -19,7 +20,7 @@ from .layout import Layout
 SUFFIX = ".csv"
 
 
-def export(job: Job) -> Path:
+def export(job: Job, options: NoOptions) -> Path:
     """Write one CSV file a topic, in UTF-8, `_ts` first, then the fields.
 
     Nested fields have dotted names; vectors are a column an element, `q.0`, `q.1`, and matrices `m.0.0`, `m.0.1`.
@@ -27,6 +28,7 @@ def export(job: Job) -> Path:
 
     Args:
         job: What to export.
+        options: None.
     """
     return per_topic.write(job, SUFFIX, _write)
 

@@ -20,14 +20,12 @@ from ....rows.dotted import FIELD_PREFIX
 from ....rows.encode import EXACT_KEY, TIME_KEY
 from ....rows.json_text import restore
 from ....topic import Topic
-from ...readers import Progress
-from ...text.headers import check_on_bad
+from ...registry import Progress
 from .. import table_files, table_times
 from ..our_tables import put
 from ..row_entries import TIME_NAME
-from ..table_intake import Counter, TableOptions
-
-SUFFIXES = (".jsonl", ".ndjson")
+from ..table_intake import Counter
+from ..table_options import TableReadOptions
 
 _BATCH_BYTES = 1 << 20
 _LONGEST_BYTES = 1 << 28
@@ -35,22 +33,7 @@ _ROW_BYTES = 100
 _SAMPLE = 1000
 
 
-def detect(path: Path) -> str | None:
-    """Return "jsonl" for a file of JSON lines, and for a folder of such and nothing else."""
-    return "jsonl" if table_files.are_at(path, SUFFIXES) else None
-
-
-def record(
-    src: Path,
-    recorder: Recorder,
-    *,
-    progress: Progress | None = None,
-    time_column: str | None = None,
-    time_unit: str | None = None,
-    topic: str | None = None,
-    start: float = 0.0,
-    on_bad: str = "raise",
-) -> None:
+def record(src: Path, recorder: Recorder, options: TableReadOptions, progress: Progress | None) -> None:
     """Append files of JSON lines, one topic a file and one object a row.
 
     Dotted names are those of nested dicts if the first key is `timestamp`, as in files of `export(format="jsonl")`, and
@@ -59,27 +42,19 @@ def record(
     Args:
         src: A file, or a folder of such.
         recorder: Where to.
+        options: How to read it.
         progress: Called now and then with the rows done and the rows in all.
-        time_column: The key of times; found by its name by default, see `table_times`.
-        time_unit: What its numbers count: "s", "ms", "us" or "ns"; by default what its name says, or what is plain from
-            numbers of wall-clock time in the first 1,000 rows; seconds for other fractions.
-        topic: What to call the topic; by default the file's name.
-        start: The time stamp of the time 0, in s.
-        on_bad: What to do with lines without a time, or that are no JSON object: "raise", or "missing" to leave them
-            out and warn.
 
     Raises:
         ForeignFileError: A line is no JSON object, or has no time; says which.
         NotFoundError: There is no such `time_column`.
     """
-    check_on_bad(on_bad)
     files = table_files.of(src)
-    if topic is not None and len(files) > 1:
-        raise UsageError(f"{src}: topic={topic!r} names one topic, but there are {len(files)} files")
+    if options.topic is not None and len(files) > 1:
+        raise UsageError(f"{src}: topic={options.topic!r} names one topic, but there are {len(files)} files")
     total = sum(path.stat().st_size // _ROW_BYTES for path in files)
     counter = Counter(progress, total)
     for path in files:
-        options = TableOptions(time_column, time_unit, topic, start, on_bad)
         _File(path, recorder, options).run(counter)
     counter.finish()
 
@@ -87,7 +62,7 @@ def record(
 class _File:
     """One file and the topic that it becomes."""
 
-    def __init__(self, path: Path, recorder: Recorder, options: TableOptions) -> None:
+    def __init__(self, path: Path, recorder: Recorder, options: TableReadOptions) -> None:
         self._path, self._recorder, self._options = path, recorder, options
         self._is_ours = False
         self._left_out = 0

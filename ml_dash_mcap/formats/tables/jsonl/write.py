@@ -8,6 +8,7 @@ from typing import BinaryIO
 from ....inspect.topics import TopicInfo
 from ... import per_topic
 from ...export_job import Counter, Job
+from ...registry import NoOptions
 from ...topic_part import Selection
 from ..row_entries import TIME_NAME
 from . import text as jsonl
@@ -17,11 +18,12 @@ SUFFIX = ".jsonl"
 _COUNTED_ROWS = 1000
 
 
-def export(job: Job) -> Path:
+def export(job: Job, options: NoOptions) -> Path:
     """Write one file a topic, with the lines of `read(format="jsonl")`, each with a newline at its end.
 
     Args:
         job: What to export.
+        options: None.
     """
     return per_topic.write(job, SUFFIX, _write)
 

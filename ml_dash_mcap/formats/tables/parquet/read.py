@@ -12,44 +12,20 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from ....errors import ConversionWarning, ForeignFileError, OptionError
+from ....errors import ConversionWarning, ForeignFileError
 from ....recorder import Recorder
-from ...readers import Progress
+from ...registry import Progress
 from .. import table_files
-from ..table_intake import TableOptions
+from ..table_options import ParquetReadOptions
 from .write import ABOUT_KEY
 
-SUFFIXES = (".parquet", ".pq")
-
-_MAGIC = b"PAR1"
 _BATCH_ROWS = 8192
 _BATCH_BYTES = 16 * 2**20
 _BUFFER_BYTES = 2**20
 """Columns are read so many bytes at a time, so that a large row group need not be in memory."""
 
 
-def detect(path: Path) -> str | None:
-    """Return "parquet" for a Parquet file, and for a folder of such and nothing else."""
-    if table_files.are_at(path, SUFFIXES):
-        return "parquet"
-    if not path.is_file():
-        return None
-    with path.open("rb") as file:
-        return "parquet" if file.read(len(_MAGIC)) == _MAGIC else None
-
-
-def record(
-    src: Path,
-    recorder: Recorder,
-    *,
-    progress: Progress | None = None,
-    time_column: str | None = None,
-    time_unit: str | None = None,
-    topic: str | None = None,
-    start: float = 0.0,
-    on_bad: str = "raise",
-    on_damage: str = "raise",
-) -> None:
+def record(src: Path, recorder: Recorder, options: ParquetReadOptions, progress: Progress | None) -> None:
     """Append Parquet files, one topic a file.
 
     A file that this library wrote gives the rows, units and metadata that it was written from. Of any other, each row
@@ -59,26 +35,17 @@ def record(
     Args:
         src: A file, or a folder of such.
         recorder: Where to.
+        options: How to read it.
         progress: Called now and then with the rows done and the rows in all.
-        time_column: The column of times; found by its name and type by default, see `table_times`.
-        time_unit: What its numbers count: "s", "ms", "us" or "ns"; by default what the type, the column's metadata or
-            its name says, or what is plain from numbers of wall-clock time; seconds for other fractions.
-        topic: What to call the topic; by default what the file says, or else the file's name.
-        start: The time stamp of the table's time 0, in s.
-        on_bad: What to do with rows without a time: "raise", or "missing" to leave them out and warn.
-        on_damage: What to do if a row group is damaged: "raise", or "skip" to leave out the rest of it and warn.
 
     Raises:
         ForeignFileError: It is no Parquet file, has no column of times, or one whose unit is not plain; says which
             columns there are.
         NotFoundError: There is no such `time_column`.
     """
-    if on_damage not in ("raise", "skip"):
-        raise OptionError(f"on_damage={on_damage!r}: it must be 'raise' or 'skip'")
-    options = TableOptions(time_column, time_unit, topic, start, on_bad)
 
     def opened(path: Path) -> _File:
-        return _File(path, skips=on_damage == "skip")
+        return _File(path, skips=options.on_damage == "skip")
 
     table_files.record(src, recorder, opened, options, progress, _rows)
 

@@ -12,7 +12,6 @@ import orjson
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ....errors import UsageError
 from ....file_names import ABOUT_RECORD
 from ....inspect.topics import TopicInfo
 from ....query.file import File
@@ -22,6 +21,7 @@ from ... import per_topic
 from ...export_job import Counter, Job
 from ...topic_part import Selection
 from .. import write_passes
+from ..table_options import ParquetWriteOptions
 from .layout import Layout
 
 SUFFIX = ".parquet"
@@ -37,7 +37,7 @@ _SAID_OF_TOPIC = ("units", "joint_names", "quat_order", "frame_id")
 """Keys of a topic's metadata that stand at the top of `ABOUT_KEY`."""
 
 
-def export(job: Job, *, flatten: bool = False) -> Path:
+def export(job: Job, options: ParquetWriteOptions) -> Path:
     """Write one Parquet file a topic: zstd, row groups of 131,072 rows in time order.
 
     The first column is `_ts`, the exact time stamp in s; the second one the same as `timestamp` (an instant in UTC) if
@@ -48,15 +48,12 @@ def export(job: Job, *, flatten: bool = False) -> Path:
 
     Args:
         job: What to export.
-        flatten: Make each element of a vector a column of its own, `q.0`, `q.1`, ..., and nested dicts columns with
-            dotted names, for tools that plot columns.
+        options: How to write it.
     """
-    if not isinstance(flatten, bool):
-        raise UsageError(f"flatten={flatten!r}: pass True or False")
 
     def put(selection: Selection, info: TopicInfo, path: Path, counter: Counter) -> None:
-        about = {**_about(job, info), "kind": info.kind, "flatten": flatten}
-        _write(selection, info, path, about, counter, flat=flatten)
+        about = {**_about(job, info), "kind": info.kind, "flatten": options.flatten}
+        _write(selection, info, path, about, counter, flat=options.flatten)
 
     return per_topic.write(job, SUFFIX, put)
 
