@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -12,10 +12,13 @@ from pathlib import Path
 from .errors import MissingRecordingError, RecorderError
 from .file_names import SESSION_GLOB
 from .inspect.runs import status_of
+from .query.places import label, names_of
 from .recording import Recording
-from .store.run_folders import holds_run, runs_below
+from .store.local import LocalFolder
+from .store.run_folders import holds_run, runs_below, runs_in
 from .store.safe_paths import place
 from .store.session_lock import SessionLock
+from .store.store import Store
 
 _BAG_FILE = "metadata.yaml"
 """Says that a folder is a rosbag2."""
@@ -49,14 +52,15 @@ class CatalogEntry:
         return 0.0 if self.start is None or self.end is None else self.end - self.start
 
 
-def recordings(root: str | Path) -> Iterator[CatalogEntry]:
+def recordings(root: str | Path, *, store: Store | None = None) -> Iterator[CatalogEntry]:
     """Yield the recordings in a folder and in the folders below it, sorted by path.
 
     Hidden folders are left out, but for `.dash` and `.dreamlake`, where runs are recorded by default. A folder with
-    MCAP files in it is a recording. Opening one folds in what a crashed recorder left there.
+    MCAP files in it is a recording. Opening one on this machine recovers what a dead recorder left there.
 
     Args:
         root: The folder.
+        store: Where it lies; `root` is a name in it then, "" for all of it. None for this machine.
 
     Raises:
         MissingRecordingError: There is no such folder; also a FileNotFoundError.
@@ -65,10 +69,20 @@ def recordings(root: str | Path) -> Iterator[CatalogEntry]:
         >>> for entry in recordings(".dash"):
         ...     print(entry.path, entry.status, entry.duration)
     """
-    folder = place(root, "root")
+    if store is not None and not isinstance(store, LocalFolder):
+        [prefix] = names_of([root])
+        return _in_store(store, prefix)
+    folder = place(root, "root") if store is None else store.path_of(*names_of([root]))
     if not folder.is_dir():
         raise MissingRecordingError(errno.ENOENT, "no folder here", str(root))
-    return (_look_at(one) for one in runs_below(folder))
+    return (_look_at(below, None, _size_on_disk, _is_recorded) for below in runs_below(folder))
+
+
+def _in_store(store: Store, prefix: str) -> Iterator[CatalogEntry]:
+    """Yield the recordings in a folder of a store."""
+    for folder, inside in runs_in(store.list(prefix)):
+        sizes = {label(stored.name): stored.size for stored in inside}
+        yield _look_at(label(folder), store, sizes.__getitem__, lambda path: False)
 
 
 def is_recording(path: str | Path) -> bool:
@@ -85,10 +99,11 @@ def is_one_recording(path: str | Path) -> bool:
     return is_recording(folder) and list(islice(runs_below(folder), 2)) == [folder]
 
 
-def _look_at(folder: Path) -> CatalogEntry:
+def _look_at(
+    folder: Path, store: Store | None, size_of: Callable[[Path], int], is_recorded: Callable[[Path], bool]
+) -> CatalogEntry:
     try:
-        with Recording(folder, on_damage="skip") as recording:
-            size = sum(path.stat().st_size for path in recording.segments)
+        with Recording(folder, store=store, on_damage="skip") as recording:
             problem = next((f"{loss.path.name}: {loss.what}" for loss in recording.losses if not loss.corrected), None)
             return CatalogEntry(
                 folder,
@@ -97,21 +112,26 @@ def _look_at(folder: Path) -> CatalogEntry:
                 recording.end,
                 len(recording.topics),
                 len(recording.segments),
-                size,
+                sum(map(size_of, recording.segments)),
                 problem,
             )
     except (RecorderError, OSError) as error:
         if isinstance(error, MissingRecordingError):  # before its first rows
-            return CatalogEntry(folder, "recording" if _is_recorded(folder) else "died")
+            return CatalogEntry(folder, "recording" if is_recorded(folder) else "died")
         return CatalogEntry(folder, "damaged", problem=str(error))
+
+
+def _size_on_disk(path: Path) -> int:
+    return path.stat().st_size
 
 
 def run_status(recording: Recording) -> str:
     """Return how a recording's run stands, or where there was none, its files: see `CatalogEntry.status`."""
-    folder = recording.path if recording.path.is_dir() else recording.path.parent
-    return status_of(recording.run.get("status"), is_recorded=_is_recorded(folder), is_finished=recording.finished)
+    is_recorded = recording.store is None and _is_recorded(recording.path)
+    return status_of(recording.run.get("status"), is_recorded=is_recorded, is_finished=recording.finished)
 
 
-def _is_recorded(folder: Path) -> bool:
-    """Whether a recorder lives that records there."""
+def _is_recorded(path: Path) -> bool:
+    """Whether a recorder lives that records in a folder, or in that of a file."""
+    folder = path if path.is_dir() else path.parent
     return any(SessionLock.is_held(path) for path in folder.glob(SESSION_GLOB))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from html import escape
@@ -20,10 +19,10 @@ from .file_names import (
     OWN_TOPICS,
 )
 from .formats import registry
-from .formats.destination import refuse_existing, replacing
 from .formats.export_job import Job
+from .formats.export_place import Reads, destination, located
 from .formats.registry import Progress
-from .formats.replacing import check_overwrite, keeper
+from .formats.replacing import check_overwrite
 from .formats.writers import export
 from .inspect import episodes, gaps, overview, run_metadata, runs, topics
 from .inspect.check import check
@@ -41,7 +40,6 @@ from .query.file import File
 from .query.lazy_mapping import Lookup
 from .query.topic_rows import check_range
 from .rows.result_dicts import BytesFormat, Entries, Take
-from .store.safe_paths import place
 from .store.store import Store
 from .suggestions import not_found
 from .topic_reader import TopicReader
@@ -435,6 +433,7 @@ class Recording(Mapping[str, TopicReader]):
         self,
         dest: str | Path,
         *,
+        store: Store | None = None,
         format: str | None = None,
         topics: Iterable[str] | None = None,
         start: float | None = None,
@@ -447,6 +446,8 @@ class Recording(Mapping[str, TopicReader]):
 
         Args:
             dest: Where to.
+            store: Where `dest` lies, which is a name in it then; None for this machine. Files are written here first,
+                and put there when all are whole.
             format: "parquet", "csv", "jsonl", "dreamlake", "rosbag2", "rosbag1", "mocap", "vicon", "qtm", "trc", "sto"
                 or "c3d"; the guides say what each writes. None to tell by the suffix of `dest`, such as ".parquet".
             topics: Names; None for all that hold rows of a robot.
@@ -467,15 +468,16 @@ class Recording(Mapping[str, TopicReader]):
             UsageError: The format has no such option; also a TypeError.
             RangeError: The range's start lies after its end; also a ValueError.
         """
-        dest = place(dest, "dest")
-        wanted = format if format is not None else registry.format_of(dest)
+        path, put_into = located(dest, store)
+        wanted = format if format is not None else registry.format_of(path)
         check_overwrite(overwrite)
-        with replacing(keeper(wanted, [*self._files.paths, *self.segments])) if overwrite else nullcontext():
-            refuse_existing(dest)
+        reads = Reads(self.store, [*self._files.paths, *self.segments])
+        with destination(path, put_into, wanted, overwrite=overwrite, reads=reads) as target:
             low, high = check_range(start, end, ("start", "end"))
             known = {**self.run, "params": self.params}
             chosen = Lookup("topic", self._chosen(topics), self._info)
-            return export(Job(dest, self._opened(), chosen, low, high, known, progress), wanted, options)
+            export(Job(target, self._opened(), chosen, low, high, known, progress), wanted, options)
+        return path
 
     def close(self) -> None:
         """Close the files. May be called twice."""

@@ -59,15 +59,29 @@ def check_overwrite(overwrite: object) -> None:
         raise OptionError(f"overwrite={overwrite!r}: it must be True or False")
 
 
-def _reason_to_keep_folder(folder: Path, format: str) -> str:
+def content_that_stays(names: Iterable[str], format: str) -> str:
+    """Return what keeps a folder from being replaced by a result of a format; empty if nothing does.
+
+    Args:
+        names: Of all files below the folder, relative to it.
+        format: One that is written, or `RECORDING`.
+    """
     entry = registry.find(format, "write") or _OF_RECORDINGS
     pattern = re.compile(entry.contents)
-    for name in islice(_files(folder), _LOOKED_AT + 1):
+    needed = entry.landmark
+    for name in islice(names, _LOOKED_AT + 1):
+        if name == needed:
+            needed = ""
         if not pattern.fullmatch(name) and name.rpartition("/")[2] not in _OF_DESKTOPS:
-            what = "a recording" if format == RECORDING else f"what {format!r} writes"
-            return f"is a folder that holds more than {what}: {name}; remove it yourself, or choose another place"
-    if entry.landmark and not (folder / entry.landmark).is_file():
-        return f"is a folder without the {entry.landmark} that {format!r} writes, so it is something else"
+            content = "a recording" if format == RECORDING else f"what {format!r} writes"
+            return f"is a folder that holds more than {content}: {name}; remove it yourself, or choose another place"
+    return f"is a folder without the {needed} that {format!r} writes, so it is something else" if needed else ""
+
+
+def _reason_to_keep_folder(folder: Path, format: str) -> str:
+    reason = content_that_stays(_files(folder), format)
+    if reason:
+        return reason
     if format == RECORDING:
         for path in folder.glob("*.mcap*"):
             if not _is_ours(path):

@@ -86,7 +86,7 @@ class StoredPlaces:
             names: Of folders and objects; "" is the whole store.
         """
         self._store = store
-        self._names = [folder_name(name) for name in names]
+        self._names = list(names)
         self._stored: dict[Path, StoredObject] = {}
         """The files, as they were listed last."""
 
@@ -120,8 +120,18 @@ class StoredPlaces:
 
 
 def names_of(given: Iterable[str | os.PathLike[str]]) -> list[str]:
-    """Return names in a store, which a caller may spell as relative paths."""
-    return [PurePath(name).as_posix() if isinstance(name, os.PathLike) else name for name in given]
+    """Return the names of folders or objects in a store, checked. A relative path is one; Path() is the whole store.
+
+    Raises:
+        PrefixError: No store takes such a name.
+        UsageError: It is neither text nor a path.
+    """
+    return [folder_name(_posix(name) if isinstance(name, os.PathLike) else name) for name in given]
+
+
+def _posix(path: os.PathLike[str]) -> str:
+    pure = PurePath(path)
+    return pure.as_posix() if pure.parts else ""
 
 
 def label(name: str) -> Path:

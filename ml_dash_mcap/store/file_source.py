@@ -30,6 +30,9 @@ class Source(Protocol):
     def read(self, offset: int, length: int) -> bytes:
         """Return the bytes of [offset, offset + length); fewer only where the file ends before."""
 
+    def beside(self, name: str) -> bytes | None:
+        """Return the bytes of another file in the same folder; None if there is none."""
+
     def close(self) -> None:
         """Let go of what was opened. May be called twice."""
 
@@ -85,6 +88,11 @@ class LocalFile:
             raise self._error(error) from error
         blocks = getattr(status, "st_blocks", None)  # of 512 bytes each, whatever the file system has; not on Windows
         return status.st_size if blocks is None else min(status.st_size, 512 * blocks)
+
+    def beside(self, name: str) -> bytes | None:
+        """Return the bytes of another file in the same folder; None if there is none."""
+        path = self.path.with_name(name)
+        return path.read_bytes() if path.is_file() else None
 
     def is_at(self, path: Path) -> bool:
         """Whether a path leads to this very file, which may have been renamed since it was opened."""

@@ -6,7 +6,7 @@ import errno
 from collections.abc import Sequence
 from itertools import count
 
-from ..errors import StorageError
+from ..errors import MissingObjectError, StorageError
 from .block_cache import BLOCK_BYTES, BlockCache
 from .store import ByteRange, Store, StoredObject
 
@@ -48,6 +48,15 @@ class ObjectSource:
     def stored_bytes(self) -> int:
         """Return how many bytes this version has: an object has no holes."""
         return self._stored.size
+
+    def beside(self, name: str) -> bytes | None:
+        """Return the bytes of another object in the same folder; None if there is none."""
+        folder, slash, _ = self._stored.name.rpartition("/")
+        try:
+            stored = self._store.head(folder + slash + name)
+        except MissingObjectError:
+            return None
+        return self._store.read_ranges(stored, [(0, stored.size)])[0]
 
     def is_version(self, stored: StoredObject) -> bool:
         """Whether a store's object is still what is read here."""

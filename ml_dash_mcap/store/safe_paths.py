@@ -88,7 +88,7 @@ def object_name(name: str) -> str:
 
 def folder_name(prefix: str) -> str:
     """Return the name of a folder in a store, checked as `object_name` does; "" is the whole store."""
-    return object_name(prefix) if prefix else ""
+    return "" if prefix == "" else object_name(prefix)
 
 
 def _trouble(part: str) -> str:

@@ -11,11 +11,15 @@ from pathlib import Path
 import pytest
 from obstore.store import MemoryStore
 
+from ml_dash_mcap import Recording, recordings
 from ml_dash_mcap.errors import MissingObjectError, StorageError
 from ml_dash_mcap.store.local import LocalFolder
 from ml_dash_mcap.store.objects import ObjectStore
 from ml_dash_mcap.store.store import Store
 from tests.support.store_laws import StoreLaws, names, read
+from tests.support.stored_recordings import Counting, RecordingLaws, local_run
+
+__all__ = ["local_run"]
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -26,7 +30,22 @@ class TestLocalFolder(StoreLaws):
         return LocalFolder(tmp_path / "store")
 
 
-class TestObjectStoreInMemory(StoreLaws):
+class TestRecordingsInALocalFolder(RecordingLaws):
+    @pytest.fixture
+    def store(self, tmp_path: Path) -> Store:
+        return Counting(LocalFolder(tmp_path / "store"))  # which is read by its ranges, not as paths of this machine
+
+
+def test_a_recording_in_a_local_folder_is_that_of_its_path(local_run: Path, tmp_path: Path) -> None:
+    with Recording(local_run.name, store=LocalFolder(local_run.parent)) as rec:
+        assert (rec.path, rec.store) == (local_run, None)
+        dest = rec.export("out/event.csv", store=LocalFolder(tmp_path), topics=["event"])
+    assert dest == tmp_path / "out" / "event.csv"
+    assert dest.is_file()
+    assert [entry.path for entry in recordings("", store=LocalFolder(local_run.parent))] == [local_run]
+
+
+class TestObjectStoreInMemory(StoreLaws, RecordingLaws):
     @pytest.fixture
     def store(self) -> Store:
         return ObjectStore(MemoryStore(), url="memory:")

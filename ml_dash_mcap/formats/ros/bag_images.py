@@ -90,7 +90,8 @@ def images(embed: bool | str | Path, files: Sequence[File]) -> Images | None:
     if embed is False:
         return None
     if embed is True:
-        beside = list(dict.fromkeys(file.path.parent for file in files))
+        local = (file.path for file in files if isinstance(file.path, Path))  # images in a store are not looked for
+        beside = list(dict.fromkeys(path.parent for path in local))
         return Images([place for folder in beside for place in (folder, folder / _FILES)])
     if not isinstance(embed, (str, Path)) or not Path(embed).is_dir():
         raise OptionError(f"embed_images={embed!r}: pass True, or the folder that the paths of images begin at")

@@ -7,6 +7,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -68,9 +69,13 @@ def origin(job: Job) -> Origin:
 
 def _stated(job: Job) -> Iterator[tuple[str, str]]:
     """Yield what says of which bag the files are: a distribution and the text of a `metadata.yaml`, or one of them."""
-    for place in dict.fromkeys(file.path.parent / _METADATA for file in job.files):
-        if place.is_file():
-            yield "", place.read_text(encoding="utf-8", errors="replace")
+    by_folder: dict[Path, File] = {}
+    for file in job.files:
+        by_folder.setdefault(file.path.parent, file)
+    for file in by_folder.values():
+        beside = file.source.beside(_METADATA)
+        if beside is not None:
+            yield "", beside.decode(errors="replace")
     for file in job.files:
         for record in file.metadata():
             if record.name == BAG_RECORD:
