@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import bz2
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import lz4.frame
 import numpy as np
 import numpy.typing as npt
 
@@ -17,31 +15,12 @@ from ....errors import ConversionError
 from ....mcap.message import MessageBlock
 from ..bag_plan import Outlet
 from ..rows_out import Sent
-
-_MAGIC = b"#ROSBAG V2.0\n"
-_HEAD_BYTES = 4096
-"""Of the bag's header with its padding, so that it can be written again when the end is known."""
+from . import layout
+from .compression import COMPRESSIONS
+from .layout import ENTRY, MESSAGE_HEAD, BagHeader, ChunkHeader, ChunkInfo, IndexHeader, Op, fields_bytes, u32
 
 _CHUNK_BYTES = 1 << 20
 """Chunks have about as many bytes, uncompressed. ROS 1 holds one at a time."""
-
-_BAG, _CHUNK, _CONNECTION, _MESSAGE, _INDEX, _CHUNK_INFO = 3, 5, 7, 2, 4, 6
-"""The records' op codes."""
-
-_MESSAGE_HEAD = np.dtype(
-    [
-        ("length", "<u4"),
-        ("op", "u1", 8),
-        ("conn_key", "u1", 9),
-        ("conn", "<u4"),
-        ("time_key", "u1", 9),
-        ("sec", "<u4"),
-        ("nsec", "<u4"),
-        ("size", "<u4"),
-    ]
-)
-_INDEX_ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
-
 
 _NOT_IN_HEADERS = frozenset({"type", "md5sum", "message_definition", "offered_qos_profiles", "topic_type_hash"})
 """Metadata of a channel that do not go into its connection's header: the type, and what only ROS 2 says.
@@ -51,14 +30,6 @@ All others came from such a header, which may say whatever the node said (http:/
 
 _END_NS = clock.NS_PER_S << 32
 """ROS 1 has 32 bits for the seconds of a time."""
-
-
-def _lz4(data: bytes) -> bytes:
-    """Compress a chunk as ROS 1 reads it: without its size, in blocks that do not need each other, with a checksum."""
-    return bytes(lz4.frame.compress(data, store_size=False, block_linked=False, content_checksum=True))
-
-
-COMPRESSORS: Mapping[str, Callable[[bytes], bytes]] = {"none": bytes, "bz2": bz2.compress, "lz4": _lz4}
 
 
 class _Pending(NamedTuple):
@@ -87,7 +58,7 @@ class Storage:
     unpack two again and again that hold the same time.
     """
 
-    room = _MESSAGE_HEAD.itemsize
+    room = MESSAGE_HEAD.itemsize
     """Bytes that each message needs before it."""
 
     def __init__(self, path: Path, outlets: Sequence[Outlet], compression: str) -> None:
@@ -96,16 +67,16 @@ class Storage:
         Args:
             path: Where nothing is.
             outlets: All topics.
-            compression: One of `COMPRESSORS`.
+            compression: One of `COMPRESSIONS`.
         """
         self._compression = compression
         self._outlets = outlets
         self._pending: list[_Pending] = []
-        self._infos: list[bytes] = []
+        self._infos: list[ChunkInfo] = []
         self._introduced: set[int] = set()
         """Connections that a chunk has said what they are."""
         self._file = path.open("xb")
-        self._file.write(_MAGIC + _bag_head(0, 0, 0))
+        self._file.write(layout.MAGIC + layout.VERSION + BagHeader(0, 0, 0).record())
 
     def write(self, sent: Sequence[Sent]) -> None:
         """Take messages; later calls bring none before the first of them."""
@@ -122,7 +93,7 @@ class Storage:
         self._check_times(block.channels - 1, block.times_ns)
         sizes = np.fromiter(map(len, block.payloads), np.int64, len(block))
         text = _heads(block.channels - 1, block.times_ns, sizes).tobytes()
-        size = _MESSAGE_HEAD.itemsize
+        size = MESSAGE_HEAD.itemsize
         parts: list[Any] = [None] * (2 * len(block))
         parts[0::2] = [text[at : at + size] for at in range(0, len(text), size)]
         parts[1::2] = block.payloads
@@ -142,9 +113,10 @@ class Storage:
             nothing = np.zeros(0, np.int64)
             self._chunk(_Pending(np.zeros(0, np.uint8), nothing, nothing, np.zeros(0, np.uint64), nothing))
         index_place = self._file.tell()
-        self._file.write(b"".join(map(_connection, self._outlets)) + b"".join(self._infos))
-        self._file.seek(len(_MAGIC))
-        self._file.write(_bag_head(index_place, len(self._outlets), len(self._infos)))
+        self._file.write(b"".join(map(_connection, self._outlets)))
+        self._file.write(b"".join(info.record() for info in self._infos))
+        self._file.seek(len(layout.MAGIC + layout.VERSION))
+        self._file.write(BagHeader(index_place, len(self._outlets), len(self._infos)).record())
         self._file.flush()
         self.close()
 
@@ -184,29 +156,29 @@ class Storage:
                 self._chunk(merged.part(first, last))
 
     def _chunk(self, messages: _Pending) -> None:
+        """Write a chunk, and the indexes of its messages behind it."""
         place = self._file.tell()
         numbers = np.unique(messages.connections).tolist()
-        new = [one for one in self._outlets if _connection_id(one) in set(numbers) - self._introduced]
-        new = new if numbers else list(self._outlets)
-        self._introduced.update(map(_connection_id, new))
-        before = b"".join(map(_connection, new))
-        raw = before + messages.data.tobytes()
-        packed = COMPRESSORS[self._compression](raw)
-        name = self._compression.encode()
-        self._file.write(_record(packed, op=_byte(_CHUNK), compression=name, size=_u32(len(raw))))
-        counts = b""
+        introductions = self._introductions(numbers)
+        content = introductions + messages.data.tobytes()
+        packed = COMPRESSIONS[self._compression].pack(content)
+        self._file.write(ChunkHeader(self._compression, len(content)).record(packed))
+        counts: dict[int, int] = {}
         for number in numbers:
-            which = messages.connections == number
-            entries = np.empty(int(which.sum()), _INDEX_ENTRY)
-            entries["sec"], entries["nsec"] = np.divmod(messages.times_ns[which], np.uint64(clock.NS_PER_S))
-            entries["offset"] = messages.starts[which] + len(before)
-            fields = {"ver": _u32(1), "conn": _u32(number), "count": _u32(len(entries))}
-            self._file.write(_record(entries.tobytes(), op=_byte(_INDEX), **fields))
-            counts += _u32(number) + _u32(len(entries))
-        start, end = (_time(time_ns) for time_ns in _edges(messages.times_ns))
-        fields = {"chunk_pos": place.to_bytes(8, "little"), "start_time": start, "end_time": end}
-        info = {"ver": _u32(1), **fields, "count": _u32(len(numbers))}
-        self._infos.append(_record(counts, op=_byte(_CHUNK_INFO), **info))
+            mine = messages.connections == number
+            counts[number] = int(mine.sum())
+            entries = np.empty(counts[number], ENTRY)
+            entries["sec"], entries["nsec"] = np.divmod(messages.times_ns[mine], np.uint64(clock.NS_PER_S))
+            entries["offset"] = messages.starts[mine] + len(introductions)
+            self._file.write(IndexHeader(number, counts[number]).record(entries.tobytes()))
+        self._infos.append(ChunkInfo(place, counts, *_edges(messages.times_ns)))
+
+    def _introductions(self, numbers: Sequence[int]) -> bytes:
+        """Return the records of the connections that no chunk before had; of all for a chunk without messages."""
+        new = set(numbers) - self._introduced
+        outlets = [outlet for outlet in self._outlets if not numbers or _connection_id(outlet) in new]
+        self._introduced.update(map(_connection_id, outlets))
+        return b"".join(map(_connection, outlets))
 
 
 def _edges(times_ns: npt.NDArray[np.uint64]) -> tuple[int, int]:
@@ -219,18 +191,17 @@ def _with_heads(sent: Sent) -> _Pending:
     packed, count = sent.packed, len(sent.times_ns)
     heads = _heads(_connection_id(sent.outlet), sent.times_ns, packed.sizes)
     data = packed.data if packed.data.flags.writeable else packed.data.copy()
-    data[packed.starts[:, None] + np.arange(_MESSAGE_HEAD.itemsize)] = heads.view(np.uint8).reshape(count, -1)
+    data[packed.starts[:, None] + np.arange(MESSAGE_HEAD.itemsize)] = heads.view(np.uint8).reshape(count, -1)
     connections = np.full(count, _connection_id(sent.outlet), np.int64)
-    return _Pending(data, packed.starts, packed.sizes + _MESSAGE_HEAD.itemsize, sent.times_ns, connections)
+    return _Pending(data, packed.starts, packed.sizes + MESSAGE_HEAD.itemsize, sent.times_ns, connections)
 
 
 def _heads(connections: Any, times_ns: npt.NDArray[np.uint64], sizes: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
     """Return the heads of message records, [N]."""
-    heads = np.zeros(len(times_ns), _MESSAGE_HEAD)
-    heads["length"] = _MESSAGE_HEAD.itemsize - 8  # but for itself and the data's size
-    for name, text in (("op", b"op=" + _byte(_MESSAGE)), ("conn_key", b"conn="), ("time_key", b"time=")):
-        size = len(text) + (0 if name == "op" else 4 if name == "conn_key" else 8)
-        heads[name] = np.frombuffer(_u32(size) + text, np.uint8)
+    heads = np.zeros(len(times_ns), MESSAGE_HEAD)
+    heads["length"] = MESSAGE_HEAD.itemsize - 8  # but for itself and the data's size
+    for name, text, value_size in (("op", layout.MESSAGE_OP, 0), ("conn_key", b"conn=", 4), ("time_key", b"time=", 8)):
+        heads[name] = np.frombuffer(u32(len(text) + value_size) + text, np.uint8)
     heads["conn"] = connections
     heads["sec"], heads["nsec"] = np.divmod(times_ns, np.uint64(clock.NS_PER_S))
     heads["size"] = sizes
@@ -260,40 +231,12 @@ def _connection_id(outlet: Outlet) -> int:
 
 
 def _connection(outlet: Outlet) -> bytes:
-    topic, found = outlet.topic.encode(), outlet.carried
-    about = {} if found is not None else {"topic": topic}
-    about.update(type=outlet.type.replace("/msg/", "/").encode(), md5sum=outlet.digest.encode())
-    about["message_definition"] = outlet.text.encode() if found is None else found.definition
-    if found is not None:  # with or without a topic, which is another one where it was remapped
-        about.update((name, value.encode()) for name, value in found.metadata if name not in _NOT_IN_HEADERS)
-    return _record(_fields(about), op=_byte(_CONNECTION), conn=_u32(_connection_id(outlet)), topic=topic)
-
-
-def _bag_head(index_place: int, connections: int, chunks: int) -> bytes:
-    fields = {"index_pos": index_place.to_bytes(8, "little"), "conn_count": _u32(connections)}
-    head = _fields({"op": _byte(_BAG), **fields, "chunk_count": _u32(chunks)})
-    padding = _HEAD_BYTES - 8 - len(head)
-    return _u32(len(head)) + head + _u32(padding) + b" " * padding
-
-
-def _record(data: bytes, **fields: bytes) -> bytes:
-    head = _fields(fields)
-    return b"".join((_u32(len(head)), head, _u32(len(data)), data))
-
-
-def _fields(fields: Mapping[str, Any]) -> bytes:
-    said = [name.encode() + b"=" + value for name, value in fields.items()]
-    return b"".join(_u32(len(one)) + one for one in said)
-
-
-def _byte(value: int) -> bytes:
-    return bytes([value])
-
-
-def _u32(value: int) -> bytes:
-    return value.to_bytes(4, "little")
-
-
-def _time(time_ns: int) -> bytes:
-    sec, nsec = divmod(time_ns, clock.NS_PER_S)
-    return _u32(sec) + _u32(nsec)
+    """Return the record of a connection."""
+    topic, carried = outlet.topic.encode(), outlet.carried
+    header = {} if carried is not None else {"topic": topic}
+    header.update(type=outlet.type.replace("/msg/", "/").encode(), md5sum=outlet.digest.encode())
+    header["message_definition"] = outlet.text.encode() if carried is None else carried.definition
+    if carried is not None:  # with or without a topic, which is another one where it was remapped
+        header.update((name, value.encode()) for name, value in carried.metadata if name not in _NOT_IN_HEADERS)
+    fields = {"conn": u32(_connection_id(outlet)), "topic": topic}
+    return layout.record(Op.CONNECTION, fields, fields_bytes(header))
