@@ -29,5 +29,5 @@ with Experiment("examples/camera/images-and-files", root=".dash").run as exp:
         print(f"copied out: {sorted(Path(copy).name for copy in copies)}")
 
 with Recording(exp.path) as recording:
-    row = next(recording["camera"].rows(start_timestamp=0.1))
+    row = next(recording["camera"].rows(start=0.1))
     print(f"the frame at 0.1 s is there: {(exp.path / 'files' / row['frame']).is_file()}")

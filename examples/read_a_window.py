@@ -18,13 +18,13 @@ with Recording(exp.path) as recording:
     drone = recording["drone"]
     print(f"{drone.info.count} rows of {', '.join(drone.info.fields)}")
 
-    window = drone.read(start_timestamp=10.0, end_timestamp=10.02, columns=["pose.yaw"])
+    window = drone.read(start=10.0, end=10.02, columns=["pose.yaw"])
     print(f"flat, with dotted names: {window['entries']}")
 
-    row = next(drone.rows(start_timestamp=10.0, columns=["pose"]))
+    row = next(drone.rows(start=10.0, columns=["pose"]))
     print(f"nested, as appended: {row}")
 
     file = Path(exp.path, "second-10.parquet")
-    file.write_bytes(drone.read(start_timestamp=10.0, end_timestamp=11.0, columns=["pose"], format="parquet"))
+    file.write_bytes(drone.read(start=10.0, end=11.0, columns=["pose"], format="parquet"))
     table = pq.read_table(file)
     print(f"{file.name}: {table.num_rows} rows of {', '.join(table.column_names)}")

@@ -23,5 +23,5 @@ with Recorder(FOLDER, RecorderOptions(compression="zstd")) as recorder:
 with Recording(FOLDER) as recording:
     info = recording.topics["sim"]
     print(f"sim: {info.count} rows, {info.rate:.0f} Hz, {info.start} s to {info.end} s, {dict(info.fields)}")
-    row = next(recording["sim"].rows(start_timestamp=10.0))
+    row = next(recording["sim"].rows(start=10.0))
     print(f"as recorded, bit for bit: {row['q'] == angles[10_000].tolist()}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,18 +11,14 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from .errors import AlignmentError, UsageError
-from .formats.topic_part import Selection
-from .query import neighbours
 from .query.topic_rows import check_range
 from .rows.align import align as align_tables
 from .rows.align import grid
 from .rows.align_methods import Methods
 from .rows.dotted import check_columns
 from .rows.encode import TIME_KEY
-from .rows.table import to_table
 
 if TYPE_CHECKING:
-    from .query.file import File
     from .topic_reader import TopicReader
 
 _ROUNDING_S = 1e-5
@@ -30,7 +26,6 @@ _ROUNDING_S = 1e-5
 
 
 def align(
-    files: Sequence[File],
     reader: Callable[[str], TopicReader],
     topics: Iterable[str] | Mapping[str, Iterable[str] | None],
     *,
@@ -44,18 +39,17 @@ def align(
     """Return topics on one clock, see `Recording.align`.
 
     Args:
-        files: Of the recording, in the order of writing.
         reader: Returns the reader of a topic; raises NotFoundError if there is none.
     """
     chosen = _columns_by_topic(topics)
     methods = Methods(how)
     tolerance = _tolerance(tolerance_s)
-    low, high = check_range(start, end, ("start", "end"))
+    low, high = check_range(start, end)
     readers = {topic: reader(topic) for topic in chosen}
     tables: dict[str, pa.Table] = {}
     if hz is None and on is not None:
         own = reader(on)
-        base = own.to_arrow(low, high, chosen[on]) if on in chosen else _times_only(files, on, low, high)
+        base = own.to_arrow(low, high, chosen.get(on, [TIME_KEY]))
         times: npt.NDArray[np.float64] = base.column(TIME_KEY).to_numpy()
         if on in chosen:
             tables[on] = base
@@ -66,7 +60,7 @@ def align(
         raise UsageError(f"align() needs on=, a topic whose times to take, or hz=, a rate; got {given}")
     for topic in chosen:
         if topic not in tables:
-            tables[topic] = _around(files, readers[topic], times, chosen[topic], tolerance)
+            tables[topic] = _around(readers[topic], times, chosen[topic], tolerance)
     tables = {topic: _with(tables[topic], chosen[topic]) for topic in chosen}
     if methods.has_names:
         methods.check_names(
@@ -100,11 +94,6 @@ def _number(name: str, given: Any) -> float:
         raise AlignmentError(f"{name}={given!r} is not a number") from error
 
 
-def _times_only(files: Sequence[File], topic: str, low: float, high: float) -> pa.Table:
-    """Return a topic's time stamps as a table."""
-    return to_table(list(Selection(files, topic, low, high, [TIME_KEY]).blocks()))
-
-
 def _grid(readers: Iterable[TopicReader], hz: float, low: float, high: float) -> npt.NDArray[np.float64]:
     """Return times at a constant rate; an open end is where the last topic starts, or where the first one ends."""
     infos = [reader.info for reader in readers] if math.isinf(low) or math.isinf(high) else []
@@ -116,7 +105,6 @@ def _grid(readers: Iterable[TopicReader], hz: float, low: float, high: float) ->
 
 
 def _around(
-    files: Sequence[File],
     reader: TopicReader,
     times: npt.NDArray[np.float64],
     columns: list[str] | None,
@@ -125,10 +113,8 @@ def _around(
     """Read the rows of a topic that values at these times can come from."""
     if not len(times):
         return reader.to_arrow(0.0, 0.0, columns, limit=0)
-    first, last = float(times[0]), float(times[-1])
-    low, high = neighbours.widen(files, reader.name, first, last)
-    near = tolerance + _ROUNDING_S
-    return reader.to_arrow(max(low, first - near), min(high, last + near), columns)
+    window = reader.select(float(times[0]), float(times[-1]), columns)
+    return window.with_neighbours(tolerance + _ROUNDING_S).arrow()
 
 
 def _with(table: pa.Table, columns: list[str] | None) -> pa.Table:

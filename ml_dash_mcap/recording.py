@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
-from . import clock, topic_reader
+from . import clock
 from .codecs.decoding import decoding
 from .errors import OptionError, StateError, UsageError
 from .file_names import (
@@ -38,11 +38,12 @@ from .query import attachments, counts, topic_rows
 from .query.attachments import Attachments
 from .query.file import File
 from .query.lazy_mapping import Lookup
+from .query.stored_topic import StoredTopic
 from .query.topic_rows import check_range
 from .rows.result_dicts import BytesFormat, Entries, Take
 from .store.store import Store
 from .suggestions import not_found
-from .topic_reader import TopicReader
+from .topic_reader import Columns, Json, Seconds, TopicReader
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -61,7 +62,7 @@ class Recording(Mapping[str, TopicReader]):
     Example:
         >>> with Recording("runs/alice/franka/demo-001") as rec:
         ...     rec.topics["robot"].count
-        ...     rec["robot"].read(start_timestamp=0.0, end_timestamp=5.0, columns=["q"])
+        ...     rec["robot"].read(start=0.0, end=5.0, columns=["q"])
         ...     for row in rec["robot"].rows():
         ...         print(row["_ts"], row["q"])
         ...     tables = {name: topic.to_arrow() for name, topic in rec.items()}
@@ -199,56 +200,41 @@ class Recording(Mapping[str, TopicReader]):
 
     @overload
     def read(
-        self,
-        topic: str,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-        format: Literal["json"] = "json",
+        self, topic: str, start: Seconds = None, end: Seconds = None, columns: Columns = None, format: Json = "json"
     ) -> Entries: ...
-
     @overload
     def read(
-        self,
-        topic: str,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-        *,
-        format: BytesFormat,
+        self, topic: str, start: Seconds = None, end: Seconds = None, columns: Columns = None, *, format: BytesFormat
     ) -> bytes: ...
-
     @overload
     def read(
         self,
         topic: str,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
+        start: Seconds = None,
+        end: Seconds = None,
+        columns: Columns = None,
         *,
         format: Literal["mocap"],
     ) -> Take: ...
-
     @overload
     def read(
-        self,
-        topic: str,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-        format: str = "json",
+        self, topic: str, start: Seconds = None, end: Seconds = None, columns: Columns = None, format: str = "json"
     ) -> Any: ...
-
     def read(
         self,
         topic: str,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
+        start: Seconds = None,
+        end: Seconds = None,
+        columns: Columns = None,
         format: str = "json",
+        **renamed: Any,
     ) -> Any:
-        """Return a topic's rows like `TopicReader.read`; without any rows if there is no such topic."""
-        return topic_reader.read(self._opened(), topic, start_timestamp, end_timestamp, columns, format)
+        """Return a topic's rows: `recording[topic].read(...)`.
+
+        Raises:
+            NotFoundError: There is no such topic or column; also a KeyError.
+        """
+        return self[topic].read(start, end, columns, format, **renamed)
 
     def align(
         self,
@@ -297,10 +283,8 @@ class Recording(Mapping[str, TopicReader]):
         """
         from .alignment import align
 
-        files = self._opened()
-        return align(
-            files, self.__getitem__, topics, on=on, hz=hz, how=how, tolerance_s=tolerance_s, start=start, end=end
-        )
+        self._opened()
+        return align(self.__getitem__, topics, on=on, hz=hz, how=how, tolerance_s=tolerance_s, start=start, end=end)
 
     def gaps(self, topic: str, longer_than_s: float | None = None) -> list[Gap]:
         """Return where a topic's rows are too far apart, in time order; looks at indexes only.
@@ -318,7 +302,7 @@ class Recording(Mapping[str, TopicReader]):
         """
         if topic not in self:
             raise not_found("topic", topic, self._topic_names(), str(self.path))
-        return gaps.find(self._opened(), topic, longer_than_s)
+        return gaps.find(self._stored(topic), longer_than_s)
 
     def check(self, topics: Iterable[str] | None = None) -> Report:
         """Look for damage, drops, missing sequence numbers, clocks that were set or began again, gaps and late rows.
@@ -403,21 +387,19 @@ class Recording(Mapping[str, TopicReader]):
     @property
     def logs(self) -> list[Row]:
         """The rows of the log, in time order."""
-        return list(topic_rows.read(self._opened(), LOG_TOPIC))
+        return self._rows(LOG_TOPIC)
 
     @property
     def metrics(self) -> Mapping[str, list[Row]]:
         """Metric names, sorted, to their rows; each is read when it is asked for."""
         topics = [name for name in self._channel_names() if name.startswith(METRIC_TOPICS)]
         names = sorted(name.removeprefix(METRIC_TOPICS) for name in topics)
-        return Lookup(
-            "metric", names, lambda name: list(topic_rows.read(self._opened(), METRIC_TOPICS + name)), str(self.path)
-        )
+        return Lookup("metric", names, lambda name: self._rows(METRIC_TOPICS + name), str(self.path))
 
     @property
     def files(self) -> list[Row]:
         """What was said about the files that were saved with the run, in time order."""
-        return list(topic_rows.read(self._opened(), FILE_TOPIC))
+        return self._rows(FILE_TOPIC)
 
     @property
     def episodes(self) -> list[Episode]:
@@ -473,7 +455,7 @@ class Recording(Mapping[str, TopicReader]):
         check_overwrite(overwrite)
         reads = Reads(self.store, [*self._files.paths, *self.segments])
         with destination(path, put_into, wanted, overwrite=overwrite, reads=reads) as target:
-            low, high = check_range(start, end, ("start", "end"))
+            low, high = check_range(start, end)
             known = {**self.run, "params": self.params}
             chosen = Lookup("topic", self._chosen(topics), self._info)
             export(Job(target, self._opened(), chosen, low, high, known, progress), wanted, options)
@@ -494,7 +476,7 @@ class Recording(Mapping[str, TopicReader]):
         if self._closed:
             return f"<Recording {str(self.path)!r}, closed>"
         files = self._opened()
-        counters = {name: partial(counts.count, files, name) for name in self._topic_names()}
+        counters = {name: partial(counts.count, self._stored(name)) for name in self._topic_names()}
         return overview.line(str(self.path), len(files), self.duration, counters)
 
     def _repr_html_(self) -> str:
@@ -511,6 +493,12 @@ class Recording(Mapping[str, TopicReader]):
         if self._closed:
             raise StateError(f"the recording {str(self.path)!r} is closed; open it again to read")
         return self._segments.files
+
+    def _stored(self, topic: str) -> StoredTopic:
+        return StoredTopic(self._opened, topic)
+
+    def _rows(self, topic: str) -> list[Row]:
+        return list(topic_rows.read(self._stored(topic)))
 
     def _channel_names(self) -> set[str]:
         return {channel.topic for file in self._opened() for channel in file.glance.channels.values()}
@@ -533,8 +521,13 @@ class Recording(Mapping[str, TopicReader]):
     def _info(self, topic: str) -> TopicInfo:
         known = self._infos.get(topic)
         if known is None:
-            known = self._infos[topic] = topics.info(self._opened(), topic)
+            known = self._infos[topic] = topics.info(self._stored(topic))
         return known
+
+
+def stored_topic(recording: Recording, topic: str) -> StoredTopic:
+    """Return a topic as a recording's files have it, whether there is one or not."""
+    return StoredTopic(recording._opened, topic)
 
 
 @dataclass(frozen=True, slots=True)

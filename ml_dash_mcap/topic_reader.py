@@ -4,30 +4,50 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from io import TextIOBase
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol, overload
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol, TypedDict, overload
 
 import numpy.typing as npt
 
-from .errors import NotFoundError, RangeError, UsageError
-from .formats.topic_part import Selection
-from .formats.writers import render, stream
+from . import renamed_arguments
+from .errors import NotFoundError
 from .inspect.topics import TopicInfo
 from .query import row_positions
 from .query.file import File
+from .query.stored_topic import StoredTopic
+from .query.topic_part import Row, TopicPart
 from .query.topic_rows import check_index, check_range
-from .rows.dotted import FIELD_PREFIX, check_columns
+from .rows.dotted import check_columns
 from .rows.result_dicts import BytesFormat, Entries, Take
-from .suggestions import not_found
+from .selection import Selection
 
 if TYPE_CHECKING:
     import pandas as pd
     import polars as pl
     import pyarrow as pa
+    from typing_extensions import Unpack
 
     from .rows.to_data_frames import TimeForm
 
-Row = dict[str, Any]
+Seconds = float | None
+"""A time stamp; None where a range is open."""
+
+Columns = Iterable[str] | None
+"""Dotted names; that of a nested dict takes all of it. None and [] mean all."""
+
+
+Json = Literal["json"]
+
+
+class Numbers(TypedDict, total=False):
+    """Which rows of a time range: what every read takes besides the range and the columns."""
+
+    start_index: int
+    """How many rows of the time range to leave out at its beginning."""
+    limit: int | None
+    """How many rows at most; None for all."""
+
+
+_RENAMED = {"start_timestamp": "start", "end_timestamp": "end"}
 
 
 class Source(Protocol):
@@ -44,21 +64,18 @@ class Source(Protocol):
         """Return what is known about a topic."""
 
 
-def read(
-    files: Sequence[File],
-    topic: str,
-    start_timestamp: float | None,
-    end_timestamp: float | None,
-    columns: Iterable[str] | None,
-    format: str,
-) -> Any:
-    """Return a topic's rows in a format, see `TopicReader.read`; without any rows if there is no such topic."""
-    low, high = check_range(start_timestamp, end_timestamp)
-    return render(Selection(files, topic, low, high, check_columns(columns)), format)
-
-
 class TopicReader:
-    """Reads one topic of a recording."""
+    """Reads one topic of a recording.
+
+    `select` chooses a part of it; the other methods take what `select` takes and are short for a method of the
+    `Selection` that it returns.
+
+    Example:
+        >>> rec["robot"].select(end=0.0, columns=["q"]).arrow().column_names
+        ['_ts', 'q']
+        >>> rec["robot"].to_arrow(end=0.0, columns=["q"]).column_names
+        ['_ts', 'q']
+    """
 
     def __init__(self, source: Source, topic: str) -> None:
         """Made by `recording[topic]`."""
@@ -70,262 +87,166 @@ class TopicReader:
         """Count, times, fields and what else is known without reading the rows."""
         return self._source.info(self.name)
 
-    @overload
-    def read(
+    def select(
         self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-        format: Literal["json"] = "json",
-    ) -> Entries: ...
-
-    @overload
-    def read(
-        self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-        *,
-        format: BytesFormat,
-    ) -> bytes: ...
-
-    @overload
-    def read(
-        self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-        *,
-        format: Literal["mocap"],
-    ) -> Take: ...
-
-    @overload
-    def read(
-        self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-        format: str = "json",
-    ) -> Any: ...
-
-    def read(
-        self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-        format: str = "json",
-    ) -> Any:
-        """Return rows in one of the formats; nested dicts become dotted names.
-
-        Args:
-            start_timestamp: First time stamp, in s; None for the beginning.
-            end_timestamp: Last time stamp, included, in s; None for the end.
-            columns: Dotted names; that of a nested dict takes all of it. None and [] mean all.
-            format: "json" (dict with `entries` and `count`), "jsonl" (bytes), "parquet" (bytes), "mocap" (dict) or
-                "mcap" (bytes).
-
-        Raises:
-            FormatError: The format is none of these; also a ValueError.
-            RangeError: The range's start lies after its end, or is not a number; also a ValueError.
-
-        Example:
-            >>> rec["robot"].read(end_timestamp=0.0, columns=["q"])
-            {'entries': [{'timestamp': 0.0, 'q': [0.1, 0.2]}], 'count': 1}
-        """
-        return read(self._source.files(), self.name, start_timestamp, end_timestamp, columns, format)
-
-    def rows(
-        self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
+        start: Seconds = None,
+        end: Seconds = None,
+        columns: Columns = None,
         *,
         start_index: int = 0,
         limit: int | None = None,
-    ) -> Iterator[Row]:
-        """Yield rows in time order as they were given, nested dicts as dicts, each with its time stamp as `_ts`.
-
-        Reads on as it goes: memory holds a few chunks, not the topic.
+        **renamed: Seconds,
+    ) -> Selection:
+        """Choose a part of the topic; nothing is read before the selection is asked for its rows.
 
         Args:
-            start_timestamp: First time stamp, in s; None for the beginning.
-            end_timestamp: Last time stamp, included, in s; None for the end.
+            start: First time stamp, included, in s; None for the beginning.
+            end: Last time stamp, included, in s; None for the end.
             columns: Dotted names; that of a nested dict takes all of it. None and [] mean all.
             start_index: How many rows of that time range to leave out at its beginning.
             limit: How many rows at most; None for all.
+            renamed: `start_timestamp` and `end_timestamp`, which `start` and `end` were called before.
 
         Raises:
-            NotFoundError: The topic has no such column; the message names similar ones. Also a KeyError.
-            RangeError: A range makes no sense; also a ValueError.
+            RangeError: The range's start lies after its end, or one is not a number; also a ValueError.
+
+        Example:
+            >>> window = rec["robot"].select(0.0, 5.0, ["q"])
+            >>> window.pandas(flatten=True).plot(x="_ts")
         """
-        return self._select(start_timestamp, end_timestamp, columns, start_index, limit).rows()
+        given = renamed_arguments.take("read", renamed, _RENAMED) if renamed else {}
+        low, high = check_range(given.get("start", start), given.get("end", end))
+        names = check_columns(columns)
+        part = TopicPart(
+            StoredTopic(self._source.files, self.name),
+            low,
+            high,
+            None if names is None else tuple(names),
+            check_index("start_index", start_index),
+            None if limit is None else check_index("limit", limit),
+        )
+        return Selection(part, lambda: self.info)
+
+    @overload
+    def read(
+        self, start: Seconds = None, end: Seconds = None, columns: Columns = None, format: Json = "json"
+    ) -> Entries: ...
+    @overload
+    def read(
+        self, start: Seconds = None, end: Seconds = None, columns: Columns = None, *, format: BytesFormat
+    ) -> bytes: ...
+    @overload
+    def read(
+        self, start: Seconds = None, end: Seconds = None, columns: Columns = None, *, format: Literal["mocap"]
+    ) -> Take: ...
+    @overload
+    def read(
+        self, start: Seconds = None, end: Seconds = None, columns: Columns = None, format: str = "json"
+    ) -> Any: ...
+    def read(
+        self,
+        start: Seconds = None,
+        end: Seconds = None,
+        columns: Columns = None,
+        format: str = "json",
+        **renamed: Any,
+    ) -> Any:
+        """Return rows in one of the formats, see `Selection.read`; the other arguments are those of `select`.
+
+        Raises:
+            FormatError: The format is none of these; also a ValueError.
+            NotFoundError: The topic has no such column; also a KeyError.
+            RangeError: A range makes no sense; also a ValueError.
+
+        Example:
+            >>> rec["robot"].read(end=0.0, columns=["q"])
+            {'entries': [{'timestamp': 0.0, 'q': [0.1, 0.2]}], 'count': 1}
+        """
+        return self.select(start, end, columns, **renamed).read(format)
+
+    def rows(
+        self, start: Seconds = None, end: Seconds = None, columns: Columns = None, **numbers: Unpack[Numbers]
+    ) -> Iterator[Row]:
+        """Yield rows, see `Selection.rows`; the arguments are those of `select`."""
+        return self.select(start, end, columns, **numbers).rows()
 
     def write(
         self,
         out: BinaryIO,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
+        start: Seconds = None,
+        end: Seconds = None,
+        columns: Columns = None,
         *,
-        start_index: int = 0,
-        limit: int | None = None,
         format: str = "jsonl",
+        **numbers: Unpack[Numbers],
     ) -> None:
-        """Write rows to a binary file or pipe as they are read; memory holds a few chunks, not the topic.
-
-        The other arguments are those of `rows`.
-
-        Args:
-            out: What to write to; it stays open.
-            format: "jsonl", the lines of `read`, or "csv", as `Recording.export` writes it; the header takes a pass
-                over the rows of its own.
-
-        Raises:
-            FormatError: The format is neither; also a ValueError.
-            UsageError: `out` takes text; also a TypeError.
+        """Write rows as they are read, see `Selection.write`; the other arguments are those of `select`.
 
         Example:
-            >>> rec["robot"].write(sys.stdout.buffer, end_timestamp=0.0, columns=["q"], format="csv")
+            >>> rec["robot"].write(sys.stdout.buffer, end=0.0, columns=["q"], format="csv")
             _ts,q.0,q.1
             0.0,0.1,0.2
         """
-        if isinstance(out, TextIOBase):
-            raise UsageError(
-                'write() takes a binary file: open(path, "wb"), or sys.stdout.buffer for the standard output'
-            )
-        stream(self._select(start_timestamp, end_timestamp, columns, start_index, limit), self.info, out, format)
+        self.select(start, end, columns, **numbers).write(out, format)
 
     def to_arrow(
-        self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-        *,
-        start_index: int = 0,
-        limit: int | None = None,
+        self, start: Seconds = None, end: Seconds = None, columns: Columns = None, **numbers: Unpack[Numbers]
     ) -> pa.Table:
-        """Return rows as an Arrow table: `_ts`, a double in s, first; nested dicts as columns with dotted names.
-
-        Vectors of one length are lists of that fixed size. What a row does not have is null. A column whose values no
-        one Arrow type holds is JSON text, and its metadata says so; nothing is dropped. The arguments are those of
-        `rows`.
-
-        Example:
-            >>> rec["robot"].to_arrow(end_timestamp=0.0, columns=["q"]).column_names
-            ['_ts', 'q']
-        """
-        from .rows.table import to_table
-
-        selection = self._select(start_timestamp, end_timestamp, columns, start_index, limit)
-        return to_table(list(selection.blocks()), topic=self.name)
+        """Return rows as an Arrow table, see `Selection.arrow`; the arguments are those of `select`."""
+        return self.select(start, end, columns, **numbers).arrow()
 
     def to_numpy(
-        self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-        *,
-        start_index: int = 0,
-        limit: int | None = None,
+        self, start: Seconds = None, end: Seconds = None, columns: Columns = None, **numbers: Unpack[Numbers]
     ) -> dict[str, npt.NDArray[Any]]:
-        """Return fields as arrays by dotted name: numbers [N], vectors [N, 7], matrices [N, 4, 4]; `_ts` is [N], in s.
-
-        A missing fraction is NaN. Integers and booleans of which some are missing are masked arrays, so that the others
-        stay exact. Text, bytes, lists of various lengths and values of several kinds are object arrays, with None for
-        what is missing. The arguments are those of `rows`.
+        """Return fields as arrays, see `Selection.numpy`; the arguments are those of `select`.
 
         Example:
             >>> rec["robot"].to_numpy(columns=["stamp_ns"])["stamp_ns"]
             masked_array(data=[1700000000123456789, --], mask=[False, True], fill_value=999999)
         """
-        from .rows.numpy_columns import from_table
-
-        table = self.to_arrow(start_timestamp, end_timestamp, columns, start_index=start_index, limit=limit)
-        return from_table(table)
+        return self.select(start, end, columns, **numbers).numpy()
 
     def to_pandas(
         self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
+        start: Seconds = None,
+        end: Seconds = None,
+        columns: Columns = None,
         *,
-        start_index: int = 0,
-        limit: int | None = None,
         flatten: bool = False,
         time: TimeForm = "seconds",
+        **numbers: Unpack[Numbers],
     ) -> pd.DataFrame:
-        """Return rows as a pandas data frame; pandas must be installed. The other arguments are those of `rows`.
-
-        Integers and booleans of which some are missing have pandas' nullable types `Int64`, `UInt64` and `boolean`; a
-        missing fraction is NaN. Values of several kinds are objects.
-
-        Args:
-            flatten: Make each element of a vector, a matrix or a list a column of its own, `q.0`, `q.1`, `m.0.0`, named
-                as in CSV files.
-            time: "seconds": the exact doubles, as the column `_ts`. "datetime": a DatetimeIndex in UTC with ns, named
-                `_ts`, in place of the column. "timedelta": a TimedeltaIndex, for clocks that start near 0.
-
-        Raises:
-            OptionError: There is no such `time`; also a ValueError.
+        """Return rows as a pandas data frame, see `Selection.pandas`; the other arguments are those of `select`.
 
         Example:
             >>> rec["robot"].to_pandas(flatten=True, time="datetime").resample("100ms").mean()
         """
-        from .rows import to_data_frames
-
-        table = self.to_arrow(start_timestamp, end_timestamp, columns, start_index=start_index, limit=limit)
-        return to_data_frames.to_pandas(to_data_frames.shaped(table, flatten=flatten, time=time))
+        return self.select(start, end, columns, **numbers).pandas(flatten=flatten, time=time)
 
     def to_polars(
         self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
+        start: Seconds = None,
+        end: Seconds = None,
+        columns: Columns = None,
         *,
-        start_index: int = 0,
-        limit: int | None = None,
         flatten: bool = False,
         time: TimeForm = "seconds",
+        **numbers: Unpack[Numbers],
     ) -> pl.DataFrame:
-        """Return rows as a polars data frame; polars must be installed. The other arguments are those of `rows`.
-
-        Args:
-            flatten: As in `to_pandas`.
-            time: What the column `_ts` is: "seconds", the exact doubles; "datetime", instants in UTC; "timedelta",
-                spans; both in ns.
-
-        Raises:
-            OptionError: There is no such `time`; also a ValueError.
-        """
-        from .rows import to_data_frames
-
-        table = self.to_arrow(start_timestamp, end_timestamp, columns, start_index=start_index, limit=limit)
-        return to_data_frames.to_polars(to_data_frames.shaped(table, flatten=flatten, time=time))
+        """Return rows as a polars data frame, see `Selection.polars`; the other arguments are those of `select`."""
+        return self.select(start, end, columns, **numbers).polars(flatten=flatten, time=time)
 
     def batches(
         self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
+        start: Seconds = None,
+        end: Seconds = None,
+        columns: Columns = None,
         *,
         rows: int = 16384,
-        start_index: int = 0,
-        limit: int | None = None,
+        **numbers: Unpack[Numbers],
     ) -> Iterator[pa.Table]:
-        """Yield Arrow tables of some rows each, for data larger than memory.
-
-        Each table has the columns that its rows, or some next to them, have values of, in types that hold these. The
-        other arguments are those of `rows`, the result is that of `to_arrow` in pieces.
-
-        Args:
-            rows: How many rows a table has, but the last.
-        """
-        from .rows.table import tables_of_size
-
-        if check_index("rows", rows) < 1:
-            raise RangeError(f"rows={rows!r}: a batch has one row or more")
-        selection = self._select(start_timestamp, end_timestamp, columns, start_index, limit)
-        return tables_of_size(selection.blocks(), rows, topic=self.name)
+        """Yield Arrow tables of so many `rows`, see `Selection.batches`; the other arguments are those of `select`."""
+        return self.select(start, end, columns, **numbers).batches(rows)
 
     def at(self, time: float) -> Row:
         """Return the last row at or before a time, in s.
@@ -334,10 +255,10 @@ class TopicReader:
             NotFoundError: The topic has none so early; also a KeyError.
         """
         _, high = check_range(None, time, ("time", "time"))
-        found = row_positions.last_at(self._source.files(), self.name, high)
-        if found is None:
+        row = row_positions.last_at(StoredTopic(self._source.files, self.name), high)
+        if row is None:
             raise NotFoundError(f"topic {self.name!r} has no row at or before {time!r}; it starts at {self.info.start}")
-        return found
+        return row
 
     def last(self) -> Row:
         """Return the last row.
@@ -346,31 +267,6 @@ class TopicReader:
             NotFoundError: The topic has no rows; also a KeyError.
         """
         return self.at(math.inf)
-
-    def _select(
-        self,
-        start_timestamp: float | None,
-        end_timestamp: float | None,
-        columns: Iterable[str] | None,
-        start_index: int,
-        limit: int | None,
-    ) -> Selection:
-        low, high = check_range(start_timestamp, end_timestamp)
-        names = check_columns(columns)
-        for name in names or ():
-            if not self._has(name):
-                raise not_found("column", name, self.info.fields, f"topic {self.name!r}")
-        first = check_index("start_index", start_index)
-        most = None if limit is None else check_index("limit", limit)
-        return Selection(self._source.files(), self.name, low, high, names, first, most)
-
-    def _has(self, column: str) -> bool:
-        """Whether any row has such a field, or one inside it."""
-        names = (column, column.removeprefix(FIELD_PREFIX))
-        if any(known == name or known.startswith(name + ".") for known in self.info.fields for name in names):
-            return True
-        rare = Selection(self._source.files(), self.name, columns=[column])  # one that the schema cannot express
-        return any(len(row) > 1 for row in rare.rows())
 
     def __iter__(self) -> Iterator[Row]:
         return self.rows()

@@ -45,7 +45,7 @@ def episodes(exp: Experiment) -> list[Episode]:
 
 
 def rows_of(rec: Recording, episode: Episode, topic: str = "robot") -> list[Any]:
-    read = rec[topic].read(start_timestamp=episode.start, end_timestamp=episode.end)
+    read = rec[topic].read(start=episode.start, end=episode.end)
     return [entry["n"] for entry in read["entries"]]
 
 

@@ -94,7 +94,7 @@ def test_a_file_for_text_is_refused_where_bytes_are_written(home: Path) -> None:
     with Recording(RUN) as rec:
         assert "sys.stdout.buffer" in message(TypeError, lambda: rec["robot"].write(io.StringIO()))  # type: ignore[arg-type]
         out = io.BytesIO()
-        rec["robot"].write(out, end_timestamp=0.0)
+        rec["robot"].write(out, end=0.0)
         assert out.getvalue() == b'{"timestamp":0.0,"q":[0.1,0.2]}\n'
 
 

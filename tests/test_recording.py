@@ -118,14 +118,14 @@ def test_rows_are_merged_across_segments_and_stay_nested(run):
 
 
 def test_reading_gives_flat_entries_of_a_range_with_both_ends(run):
-    assert Recording(run)["robot"].read(start_timestamp=3 / 30, end_timestamp=4 / 30) == {
+    assert Recording(run)["robot"].read(start=3 / 30, end=4 / 30) == {
         "entries": [{"timestamp": 3 / 30, "q": [3]}, {"timestamp": 4 / 30, "q": [40], "cam.pos": 1.5}],
         "count": 2,
     }
 
 
 def test_columns_choose_fields_and_the_rows_stay(run):
-    entries = Recording(run)["robot"].read(start_timestamp=4 / 30, columns=["cam.pos", "absent"])["entries"]
+    entries = Recording(run)["robot"].read(start=4 / 30, columns=["cam.pos"])["entries"]
     assert entries == [{"timestamp": 4 / 30, "cam.pos": 1.5}, {"timestamp": 5 / 30, "cam.pos": 2.5}]
 
 
@@ -184,11 +184,13 @@ def test_an_unknown_topic_is_a_key_error_that_names_similar_ones(run):
         Recording(run).topics["xyz"]
 
 
-def test_reading_an_unknown_topic_gives_the_empty_results_of_ml_dash(run):
+@pytest.mark.parametrize("format", ["json", "jsonl", "mocap", "parquet", "mcap"])
+def test_an_unknown_topic_or_column_is_an_error_in_every_format(run, format):
     recording = Recording(run)
-    assert recording.read("xyz") == {"entries": [], "count": 0}
-    assert recording.read("xyz", format="jsonl") == b""
-    assert recording.read("xyz", format="mocap")["frames"] == []
+    with pytest.raises(NotFoundError, match="no topic 'xyz'"):
+        recording.read("xyz", format=format)
+    with pytest.raises(NotFoundError, match="no column 'absent'"):
+        recording["robot"].read(columns=["q", "absent"], format=format)
 
 
 def test_an_unknown_format_is_a_value_error(run):

@@ -244,8 +244,8 @@ def test_a_range_of_another_kind_is_answered_with_how_to_make_seconds_of_it(
     folder: Path, given: Any, variable: str
 ) -> None:
     with Recording(folder) as recording:
-        said = message(RangeError, lambda: recording["robot"].read(start_timestamp=given))
-        assert seconds_by(advice(said, "start_timestamp"), variable, given) == SECONDS
+        said = message(RangeError, lambda: recording["robot"].read(start=given))
+        assert seconds_by(advice(said, "start"), variable, given) == SECONDS
         said = message(RangeError, lambda: recording.export(folder.parent / "x.csv", format="csv", end=given))
         assert seconds_by(advice(said, "end"), variable, given) == SECONDS
 

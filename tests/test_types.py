@@ -47,7 +47,7 @@ with Recording("run") as rec:
     assert_type(robot.read(0.0, 5.0, ["q"])["entries"], list[dict[str, Any]])
     assert_type(robot.read(format="json")["count"], int)
     assert_type(robot.read(format="jsonl"), bytes)
-    assert_type(robot.read(format="parquet", end_timestamp=1.0), bytes)
+    assert_type(robot.read(format="parquet", end=1.0), bytes)
     assert_type(robot.read(format="mcap"), bytes)
     assert_type(robot.read(format="mocap"), Take)
     assert_type(robot.read(format="mocap")["metadata"]["fps"], float)

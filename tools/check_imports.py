@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent / PACKAGE
 FLOORS: list[set[str]] = [
     {"version", "errors", "clock", "file_names", "time_hints"},
     {"suggestions"},
-    {"options", "timestamps", "shipped_schemas", "store"},
+    {"options", "timestamps", "shipped_schemas", "store", "renamed_arguments"},
     {"rows"},
     {"meaning"},
     {"mcap"},
@@ -29,7 +29,9 @@ FLOORS: list[set[str]] = [
     {"topic"},
     {"recorder"},
     {"formats"},
-    {"topic_reader", "alignment", "opening"},
+    {"selection"},
+    {"topic_reader"},
+    {"alignment", "opening"},
     {"recording"},
     {"run", "conversion", "catalog"},
     {"experiment", "session"},
@@ -39,7 +41,7 @@ FLOORS: list[set[str]] = [
 """Rooms by floor, the lowest first; a room imports from lower floors only."""
 
 HEAVY = {
-    "pyarrow": {"rows", "codecs", "query", "formats", "topic_reader", "alignment"},
+    "pyarrow": {"rows", "codecs", "query", "formats", "selection", "topic_reader", "alignment"},
     "rosbags": {"codecs.ros.standard_types", "formats.ros.translate"},
     "ruamel": {"formats.ros.bag_information"},
     "google": {"codecs.protobuf"},

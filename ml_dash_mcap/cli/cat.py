@@ -27,12 +27,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print them as they are read; returns the exit code."""
     with reading.opened(arguments) as recording:
-        recording[arguments.topic].write(
-            sys.stdout.buffer,
-            arguments.start,
-            arguments.end,
-            arguments.columns,
-            limit=arguments.limit,
-            format=arguments.format,
-        )
+        topic = recording[arguments.topic]
+        part = topic.select(arguments.start, arguments.end, arguments.columns, limit=arguments.limit)
+        part.write(sys.stdout.buffer, arguments.format)
         return reading.code(recording)

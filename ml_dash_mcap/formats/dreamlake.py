@@ -7,11 +7,11 @@ from pathlib import Path, PurePosixPath
 import orjson
 
 from ..inspect.topics import TopicInfo
+from ..query.topic_part import TopicPart
 from .destination import fresh_folder, name_of, refuse_existing
 from .export_job import Counter, Job
 from .mcap_rows import payload
 from .registry import NoOptions
-from .topic_part import Selection
 
 DATA_NAME, ABOUT_NAME = "data.jsonl", "metadata.json"
 
@@ -41,7 +41,7 @@ def export(job: Job, options: NoOptions) -> Path:
         for topic, info in job.topics.items():
             track = folder / "tracks" / path_of(topic)
             track.mkdir(parents=True, exist_ok=True)
-            count = _write(job.selection(topic), track / DATA_NAME, counter)
+            count = _write(job.part(topic), track / DATA_NAME, counter)
             _save(track / ABOUT_NAME, _about(info, count))
         counter.finish()
     return job.dest
@@ -61,10 +61,10 @@ def _part(part: str) -> str:
     return part if is_plain and len(part.encode()) <= _LONGEST_PART else name_of(part, "")
 
 
-def _write(selection: Selection, path: Path, counter: Counter) -> int:
+def _write(part: TopicPart, path: Path, counter: Counter) -> int:
     done = 0
     with path.open("xb") as file:
-        for row in selection.rows():
+        for row in part.rows():
             file.write(b'{"index":%d,"data":%s}\n' % (done, payload(row)))
             done += 1
             if done % _COUNTED_ROWS == 0:

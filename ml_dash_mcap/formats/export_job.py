@@ -11,8 +11,9 @@ from typing import Any
 from ..inspect.topics import TopicInfo
 from ..query.file import File
 from ..query.lazy_mapping import Lookup
+from ..query.stored_topic import StoredTopic
+from ..query.topic_part import TopicPart
 from .registry import Progress
-from .topic_part import Selection
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +34,13 @@ class Job:
     """What is known of the run: `params`, and what `Recording.run` says."""
     progress: Progress | None = None
 
-    def selection(self, topic: str, columns: Sequence[str] | None = None) -> Selection:
+    def stored(self, topic: str) -> StoredTopic:
+        """Return a topic as the files have it."""
+        return StoredTopic(self.files, topic)
+
+    def part(self, topic: str, columns: Sequence[str] | None = None) -> TopicPart:
         """Return the part of a topic that is to be exported."""
-        return Selection(self.files, topic, self.low, self.high, columns)
+        return TopicPart(self.stored(topic), self.low, self.high, columns)
 
     def without(self, topics: Collection[str]) -> Job:
         """Return the same for all topics but some."""

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from .. import clock
-from ..file_names import TRACK
 from ..inspect import topic_schema
 from ..mcap.chunk_writer import build_block, compressor
 from ..mcap.file_writer import FileWriter
@@ -15,16 +14,17 @@ from ..mcap.message import CHUNK_BYTES, Connection, MessageBlock
 from ..mcap.output import MemoryOutput
 from ..mcap.records import Channel
 from ..options import RecorderOptions
-from ..query import counts, stored_messages, topic_messages, topic_rows
+from ..query import stored_messages, topic_messages, topic_rows
 from ..query.file import File
+from ..query.stored_topic import LAST_NS
+from ..query.topic_part import Row, TopicPart
 from ..rows.encode import TIME_KEY
 from ..rows.json_text import dumps, exact_as_read
-from .topic_part import Row, Selection
 
 _ANYTHING = {"type": "object"}
 
 
-def render(selection: Selection) -> bytes:
+def render(part: TopicPart) -> bytes:
     """Return a complete MCAP file, with its indexes, of a topic and time range.
 
     The rows of a track are merged and carry the schema of all segments; messages of other topics are copied as they
@@ -32,13 +32,13 @@ def render(selection: Selection) -> bytes:
     """
     writer = FileWriter(MemoryOutput())
     writer.begin()
-    channels = counts.channels(selection.files, selection.topic)
+    channels = part.stored.channels
     blocks: Iterator[MessageBlock] = iter(())
-    if channels and (counts.kind(selection.files, selection.topic) == TRACK or selection.columns is not None):
-        writer.add_connection(1, _connection_of_rows(selection, channels))
-        blocks = _rows(selection)
+    if channels and (part.stored.is_track or part.columns is not None):
+        writer.add_connection(1, _connection_of_rows(part, channels))
+        blocks = _rows(part)
     elif channels:
-        blocks = _messages(selection, _register(writer, channels))
+        blocks = _messages(part, _register(writer, channels))
     compress = compressor(RecorderOptions())
     for block in stored_messages.joined(blocks, CHUNK_BYTES):
         writer.add_chunk(build_block(block, compress))
@@ -46,23 +46,23 @@ def render(selection: Selection) -> bytes:
     return writer.output.data()
 
 
-def _connection_of_rows(selection: Selection, channels: list[tuple[File, Channel]]) -> Connection:
+def _connection_of_rows(part: TopicPart, channels: list[tuple[File, Channel]]) -> Connection:
     file, channel = channels[-1]
     schema = file.index.schema_of(channel)
-    name = schema.name if schema is not None else selection.topic
+    name = schema.name if schema is not None else part.topic
     merged = topic_schema.read(channels) or _ANYTHING
     metadata = {key: text for _, channel in channels for key, text in channel.metadata.items()}
-    return Connection(selection.topic, name, "jsonschema", dumps(merged), "json", tuple(metadata.items()))
+    return Connection(part.topic, name, "jsonschema", dumps(merged), "json", tuple(metadata.items()))
 
 
-def _rows(selection: Selection) -> Iterator[MessageBlock]:
+def _rows(part: TopicPart) -> Iterator[MessageBlock]:
     """Encode rows, about as many at a time as a chunk has."""
     times_ns: list[int] = []
     payloads: list[bytes] = []
     size = count = 0
-    for row in selection.rows():
+    for row in part.rows():
         # No double is as near to the last time as 2**64, which is beyond it.
-        times_ns.append(min(clock.to_nanoseconds(row[TIME_KEY]), topic_rows.LAST_NS))
+        times_ns.append(min(clock.to_nanoseconds(row[TIME_KEY]), LAST_NS))
         payloads.append(payload(row))
         size += len(payloads[-1])
         if size >= CHUNK_BYTES:
@@ -113,12 +113,15 @@ def _register(writer: FileWriter[MemoryOutput], channels: list[tuple[File, Chann
     return ids
 
 
-def _messages(selection: Selection, ids: dict[tuple[str, int], int]) -> Iterator[MessageBlock]:
-    start_ns, end_ns = topic_rows.to_ns_range(selection.low, selection.high)
-    for batch in topic_messages.read(selection.files, selection.topic, start_ns, end_ns):
+def _messages(part: TopicPart, ids: dict[tuple[str, int], int]) -> Iterator[MessageBlock]:
+    start_ns, end_ns = topic_rows.to_ns_range(part.start, part.end)
+    skip, most = part.start_index, LAST_NS if part.limit is None else part.limit
+    for batch in topic_messages.read(part.stored, start_ns, end_ns):
         channel_ids = np.array([ids[(origin.file.source.name, origin.channel.id)] for origin in batch.origins])
         channels = channel_ids[batch.origin_of]
         block = MessageBlock(channels, batch.times_ns, batch.published_ns, batch.sequences, [*batch.payloads])
         times_s = np.array(clock.to_seconds_each(batch.times_ns.tolist()))
-        wanted = np.flatnonzero((times_s >= selection.low) & (times_s <= selection.high))
+        in_range = np.flatnonzero((times_s >= part.start) & (times_s <= part.end))
+        wanted = in_range[skip : skip + most]
+        skip, most = max(skip - len(in_range), 0), most - len(wanted)
         yield from stored_messages.in_pieces(block.pick(wanted))

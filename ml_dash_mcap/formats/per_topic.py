@@ -8,11 +8,11 @@ from typing import TypeAlias
 
 from ..errors import UsageError
 from ..inspect.topics import TopicInfo
+from ..query.topic_part import TopicPart
 from .destination import fresh_file, fresh_folder, names_of, refuse_existing
 from .export_job import Counter, Job
-from .topic_part import Selection
 
-Put: TypeAlias = Callable[[Selection, TopicInfo, Path, Counter], None]
+Put: TypeAlias = Callable[[TopicPart, TopicInfo, Path, Counter], None]
 """Writes one topic to a path and counts its rows."""
 
 
@@ -45,5 +45,5 @@ def write(job: Job, suffix: str, put: Put) -> Path:
 def _each(job: Job, paths: dict[str, Path], put: Put) -> None:
     counter = job.counter()
     for topic, path in paths.items():
-        put(job.selection(topic), job.topics[topic], path, counter)
+        put(job.part(topic), job.topics[topic], path, counter)
     counter.finish()

@@ -41,7 +41,7 @@ class Format:
         >>> def read(src, recorder, options, progress):
         ...     recorder.topic("notes").append(_ts=0.0, text=src.read_text())
         >>> def write(job, options):
-        ...     rows = [row for topic in job.topics for row in job.selection(topic).rows()]
+        ...     rows = [row for topic in job.topics for row in job.part(topic).rows()]
         ...     job.dest.write_text("".join(row["text"] for row in rows))
         ...     return job.dest
         >>> register(Format("note", suffixes=(".note",), detect=named(".note"), read=read, write=write))
@@ -69,9 +69,9 @@ class Format:
     write_options: Reference = NoOptions
     """The dataclass of the options of `write`."""
     stream: Reference | None = None
-    """`stream(selection, info, out)` writes a topic's rows to an open file."""
+    """`stream(part, info, out)` writes a topic's rows to an open file."""
     render: Reference | None = None
-    """`render(selection)` returns a topic's rows as a value."""
+    """`render(part)` returns a topic's rows as a value."""
     contents: str = r"(?!)"
     """A regular expression for the names of all files in a folder that `write` makes. A file has none."""
     landmark: str = ""

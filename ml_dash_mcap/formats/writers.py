@@ -8,10 +8,10 @@ from typing import Any, BinaryIO
 
 from ..errors import FormatError
 from ..inspect.topics import TopicInfo
+from ..query.topic_part import TopicPart
 from ..suggestions import did_you_mean
 from . import registry
 from .export_job import Job
-from .topic_part import Selection
 
 
 def export(job: Job, format: str, options: Mapping[str, Any]) -> Path:
@@ -35,7 +35,7 @@ def options_of(format: str) -> list[str]:
     return [] if entry is None else registry.option_names(entry.write_options)
 
 
-def stream(selection: Selection, info: TopicInfo, out: BinaryIO, format: str) -> None:
+def stream(part: TopicPart, info: TopicInfo, out: BinaryIO, format: str) -> None:
     """Write rows to an open file or pipe.
 
     Raises:
@@ -44,10 +44,10 @@ def stream(selection: Selection, info: TopicInfo, out: BinaryIO, format: str) ->
     entry = registry.find(format, "stream")
     if entry is None or entry.stream is None:
         raise FormatError(f"write() knows no format {format!r}; {registry.hint(format, 'stream')}")
-    registry.load(entry.stream)(selection, info, out)
+    registry.load(entry.stream)(part, info, out)
 
 
-def render(selection: Selection, format: str) -> Any:
+def render(part: TopicPart, format: str) -> Any:
     """Return rows as a value in a format.
 
     Raises:
@@ -61,4 +61,4 @@ def render(selection: Selection, format: str) -> Any:
         raise FormatError(
             f"Unsupported format: {format}{written}{meant and f'; {meant}'}; read() takes {', '.join(names)}"
         )
-    return registry.load(entry.render)(selection)
+    return registry.load(entry.render)(part)

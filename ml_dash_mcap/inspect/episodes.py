@@ -10,6 +10,7 @@ from ..codecs.decode import Row
 from ..file_names import EPISODE_TOPIC, OWN_TOPICS
 from ..query import counts, topic_rows
 from ..query.file import File
+from ..query.stored_topic import StoredTopic
 from ..rows.encode import TIME_KEY
 from . import writing_order
 
@@ -20,7 +21,7 @@ class Episode:
 
     Example:
         >>> for episode in rec.episodes:
-        ...     rows = rec["robot"].read(start_timestamp=episode.start, end_timestamp=episode.end)
+        ...     rows = rec["robot"].read(episode.start, episode.end)
     """
 
     index: int
@@ -48,7 +49,7 @@ def read(files: Sequence[File]) -> list[Episode]:
     """
     latest: dict[tuple[str, int], Row] = {}
     for file in files:
-        for row in topic_rows.read([file], EPISODE_TOPIC):
+        for row in topic_rows.read(StoredTopic([file], EPISODE_TOPIC)):
             if _is_mark(row):
                 key = (row["run"], row["number"])
                 if key not in latest or row["revision"] > latest[key]["revision"]:
@@ -75,7 +76,8 @@ class _Begins:
         if run not in self._known:
             files = [file for file in self._files if writing_order.run_of(file) == run]
             topics = {channel.topic for file in files for channel in file.glance.channels.values()}
-            starts = [counts.time_range(files, topic)[0] for topic in topics if not topic.startswith(OWN_TOPICS)]
+            users = [StoredTopic(files, topic) for topic in topics if not topic.startswith(OWN_TOPICS)]
+            starts = [counts.first(topic)[0] for topic in users]
             self._known[run] = min((start for start in starts if start is not None), default=None)
         return self._known[run]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +10,7 @@ import numpy.typing as npt
 
 from .. import clock
 from ..errors import RangeError
-from ..query import counts, topic_rows
-from ..query.file import File
+from ..query.stored_topic import StoredTopic
 
 USUAL_FACTOR = 1.5
 """A spacing above so many times the median is a gap."""
@@ -35,19 +33,18 @@ class Gap:
         return self.end - self.start
 
 
-def find(files: Sequence[File], topic: str, longer_than_s: Any = None) -> list[Gap]:
+def find(topic: StoredTopic, longer_than_s: Any = None) -> list[Gap]:
     """Return a topic's gaps, in time order; looks at the message indexes only.
 
     Args:
-        files: In the order of writing.
-        topic: Its name.
+        topic: Which one.
         longer_than_s: What a gap is longer than, in s; 1.5 times the median spacing by default.
 
     Raises:
         RangeError: `longer_than_s` is not a number above 0.
     """
     longer_than_ns = None if longer_than_s is None else _check(longer_than_s) * clock.NS_PER_S
-    times_ns = np.unique(counts.times(files, topic, 0, topic_rows.LAST_NS))
+    times_ns = np.unique(topic.times())
     return among(times_ns, longer_than_ns)
 
 

@@ -13,6 +13,7 @@ from ..file_names import ABOUT_RECORD, ACTIVE_SUFFIX, OWN_TOPICS
 from ..query import counts
 from ..query.file import File
 from ..query.lazy_mapping import Lookup
+from ..query.stored_topic import StoredTopic
 from . import run_metadata, writing_order
 
 ENDED = ("completed", "failed", "cancelled")
@@ -104,7 +105,7 @@ def _run(index: int, name: str, files: Sequence[File], is_recorded: bool) -> Run
         start=min((clock.to_seconds(start_ns) for start_ns, _ in spans), default=None),
         end=max((clock.to_seconds(end_ns) for _, end_ns in spans), default=None),
         segments=tuple(file.path for file in files),
-        counts=Lookup("topic", users, lambda topic: counts.count(files, topic)),
+        counts=Lookup("topic", users, lambda topic: counts.count(StoredTopic(files, topic))),
         metadata=_about(files[0]),
     )
 

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import orjson
 
-from ..errors import DamagedFileError, EncodingError
 from ..file_names import TOPIC_RECORD
-from ..query import counts, topic_rows
-from ..query.file import File
+from ..query import counts
+from ..query.stored_topic import StoredTopic
 from ..rows.dotted import flatten
 from ..rows.encode import TIME_KEY
 from . import field_shapes, topic_schema
@@ -63,16 +62,16 @@ class TopicInfo:
         return (self.count - 1) / self.duration if self.duration > 0 else 0.0
 
 
-def describe(files: Sequence[File], topic: str) -> tuple[str | None, tuple[str, ...], dict[str, Any]]:
+def describe(topic: StoredTopic) -> tuple[str | None, tuple[str, ...], dict[str, Any]]:
     """Return a topic's description, tags and metadata: what was said last counts."""
     said: dict[str, str] = {}
-    for _, channel in counts.channels(files, topic):
+    for _, channel in topic.channels:
         said.update({key: text for key, text in channel.metadata.items() if key in _DESCRIBING})
-    for file in files:
+    for file in topic.files:
         if not any(entry.name == TOPIC_RECORD for entry in file.glance.metadata):
             continue
         for record in file.metadata():
-            if record.name == TOPIC_RECORD and record.values.get("topic") == topic:
+            if record.name == TOPIC_RECORD and record.values.get("topic") == topic.name:
                 said.update({key: text for key, text in record.values.items() if key in _DESCRIBING})
     tags = _loads(said.get("tags", "[]"), [])
     metadata = _loads(said.get("metadata", "{}"), {})
@@ -83,40 +82,37 @@ def describe(files: Sequence[File], topic: str) -> tuple[str | None, tuple[str, 
     )
 
 
-def info(files: Sequence[File], topic: str) -> TopicInfo:
+def info(topic: StoredTopic) -> TopicInfo:
     """Sum up a topic."""
-    description, tags, metadata = describe(files, topic)
-    found = counts.channels(files, topic)
-    merged = topic_schema.read(found)
-    start, end = counts.time_range(files, topic)
-    described = found[-1][0].index.schema_of(found[-1][1]) if found else None
+    description, tags, metadata = describe(topic)
+    channels = topic.channels
+    schema = topic_schema.read(channels)
+    start, first_row = counts.first(topic)
+    described = channels[-1][0].index.schema_of(channels[-1][1]) if channels else None
     return TopicInfo(
-        name=topic,
-        kind=counts.kind(files, topic),
-        count=counts.count(files, topic),
+        name=topic.name,
+        kind=topic.kind,
+        count=counts.count(topic),
         start=start,
-        end=end,
-        fields=_fields(files, topic, merged, start),
-        schema=merged,
-        encoding=found[-1][1].message_encoding if found else "json",
+        end=None if start is None else counts.last_time(topic),
+        fields=_fields(topic, schema, first_row),
+        schema=schema,
+        encoding=channels[-1][1].message_encoding if channels else "json",
         schema_name=described.name if described is not None else "",
         description=description,
         tags=tags,
         metadata=metadata,
-        _measure=functools.cache(lambda: counts.payload_bytes(files, topic)),
+        _measure=functools.cache(lambda: counts.payload_bytes(StoredTopic(topic.files, topic.name))),
     )
 
 
-def _fields(files: Sequence[File], topic: str, schema: Mapping[str, Any], start: float | None) -> dict[str, Field]:
+def _fields(topic: StoredTopic, schema: Mapping[str, Any], first_row: Mapping[str, Any] | None) -> dict[str, Field]:
+    """Return the fields that the schema has, and those of the first row that it leaves out."""
     fields = topic_schema.fields(schema)
-    if start is None:
+    if first_row is None:
         return fields
-    try:
-        first = next(topic_rows.read(files, topic, start, start), None)
-    except (EncodingError, DamagedFileError):  # whoever reads the rows is told
-        return fields
-    is_inferred = bool(fields) and counts.kind(files, topic) is not None
-    for name, value in flatten(first, TIME_KEY).items() if first is not None else ():
+    is_inferred = bool(fields) and topic.kind is not None
+    for name, value in flatten(first_row, TIME_KEY).items():
         if name != TIME_KEY and value is not None:
             differs = is_inferred and not _is_nested(value)  # from row to row, if the schema leaves it out
             fields.setdefault(name, Field("any") if differs else field_shapes.of_value(value))

@@ -15,8 +15,9 @@ from ..mcap import chunk_table
 from ..mcap.chunk_reader import Contents, Messages
 from ..mcap.file_index import replanned
 from ..mcap.records import Chunk
-from ..query import topic_rows, true_records
+from ..query import true_records
 from ..query.file import File
+from ..query.stored_topic import LAST_NS
 from ..store import read_ahead
 
 
@@ -107,7 +108,7 @@ def _parts(file: File, topics: Collection[str], damage: list[DamagedFileError]) 
             return error
 
     found: list[_Part] = []
-    chunks = (chunk for _, chunk in chunk_table.holding(index.chunks, wanted, 0, topic_rows.LAST_NS))
+    chunks = (chunk for _, chunk in chunk_table.holding(index.chunks, wanted, 0, LAST_NS))
     for parts in read_ahead.in_order(do, chunks, weigh=lambda chunk: chunk.uncompressed_size):
         if isinstance(parts, DamagedFileError):
             damage.append(parts)
@@ -151,7 +152,7 @@ def _times(contents: Contents) -> dict[int, _Times]:
 def _parts_of(file: File, chunk: Chunk, wanted: Mapping[int, str]) -> list[_Part]:
     ids = [id_ for id_ in wanted if not chunk.indexed or id_ in chunk.message_index_offsets]
     span = file.read_span(chunk.offset, chunk.length + chunk.message_index_length)
-    cuts = file.cut(chunk, ids, 0, topic_rows.LAST_NS, span)
+    cuts = file.cut(chunk, ids, 0, LAST_NS, span)
     by_topic: dict[str, list[Messages]] = {}
     for one in cuts:
         by_topic.setdefault(wanted[one.channel_id], []).append(one)

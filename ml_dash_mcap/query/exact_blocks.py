@@ -8,7 +8,7 @@ them can be proven from its bytes: it has no nulls, no key with a dot, and as ma
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,7 +25,7 @@ from ..rows.encode import TIME_KEY
 from ..rows.table import Block, Column
 from . import time_order, topic_messages
 from . import topic_rows as rows
-from .file import File
+from .stored_topic import StoredTopic
 from .topic_messages import Cut
 
 _DOT = ord(".")
@@ -48,16 +48,13 @@ class _Part:
         return _Part(self.cut.pick(which), None if self.block is None else self.block.take(which))
 
 
-def read(
-    files: Sequence[File], topic: str, low: float = -math.inf, high: float = math.inf
-) -> Iterator[Block | list[Row]]:
+def read(topic: StoredTopic, low: float = -math.inf, high: float = math.inf) -> Iterator[Block | list[Row]]:
     """Read a topic's rows with time stamps in [low, high].
 
     They are what `rows.read` yields, in its order. Memory holds a few chunks, not the topic.
 
     Args:
-        files: In the order of writing.
-        topic: Its name.
+        topic: Which one.
         low: First time stamp, in s.
         high: Last time stamp, included, in s.
 
@@ -67,7 +64,7 @@ def read(
     """
     reading = _Reading()
     start_ns, end_ns = rows.to_ns_range(low, high)
-    for parts in time_order.in_time(topic_messages.cut(files, topic, start_ns, end_ns, reading.parse)):
+    for parts in time_order.in_time(topic_messages.cut(topic, start_ns, end_ns, reading.parse)):
         block = reading.block(parts, low, high)
         found = block if block is not None else reading.rows(parts, low, high)
         if size(found):

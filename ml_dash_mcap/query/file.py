@@ -107,6 +107,11 @@ class File:
             return self._index
 
     @property
+    def state(self) -> tuple[FileIndex, int]:
+        """The index, and how many chunks it was corrected for: a plan holds as long as both stay what they are."""
+        return self.index, len(self._corrected)
+
+    @property
     def glance(self) -> Glance:
         """What is known of it without looking up its chunks."""
         return self._glance if self._index is None and self._glance is not None else self.index.glance()

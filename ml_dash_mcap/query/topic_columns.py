@@ -21,7 +21,7 @@ from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..rows.table import Block, Column, block_of, join
 from ..store import read_ahead
 from . import time_order, topic_messages, topic_rows
-from .file import File
+from .stored_topic import StoredTopic
 from .topic_messages import Cut, Origin
 
 _EXACT = f'"{EXACT_KEY}"'.encode()
@@ -73,8 +73,7 @@ class _Parsed:
 
 
 def read(
-    files: Sequence[File],
-    topic: str,
+    topic: StoredTopic,
     low: float = -math.inf,
     high: float = math.inf,
     columns: Sequence[str] | None = None,
@@ -86,8 +85,7 @@ def read(
     not the topic.
 
     Args:
-        files: In the order of writing.
-        topic: Its name.
+        topic: Which one.
         low: First time stamp, in s.
         high: Last time stamp, included, in s.
         columns: Dotted names; None for all.
@@ -98,7 +96,7 @@ def read(
     """
     reading = _Reading(columns, time_name, low, high)
     start_ns, end_ns = topic_rows.to_ns_range(low, high)
-    found = time_order.in_time(topic_messages.cut(files, topic, start_ns, end_ns, _copied))
+    found = time_order.in_time(topic_messages.cut(topic, start_ns, end_ns, _copied))
     work = read_ahead.in_order(lambda some: reading.block(some.pieces), _together(found), weigh=lambda some: some.size)
     for block in work:
         if block.count:

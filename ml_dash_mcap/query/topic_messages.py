@@ -16,9 +16,7 @@ from ..store import read_ahead
 from . import plan, time_order
 from .file import File
 from .plan import Located
-
-LAST_NS = 2**64 - 1
-"""The last time that MCAP can say, in ns."""
+from .stored_topic import LAST_NS, StoredTopic
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,30 +79,28 @@ class _Job:
     """From the chunk's start to the end of its message indexes."""
 
 
-def read(files: Sequence[File], topic: str, start_ns: int, end_ns: int) -> Iterator[Batch]:
+def read(topic: StoredTopic, start_ns: int, end_ns: int) -> Iterator[Batch]:
     """Read a topic's messages with log times in [start_ns, end_ns].
 
     Messages of one log time are always in one batch. Memory holds the chunks that overlap in time and a few that are
     unpacked ahead, not the topic.
 
     Args:
-        files: In the order of writing.
-        topic: Its name.
+        topic: Which one.
         start_ns: First log time, in ns.
         end_ns: Last log time, included, in ns.
     """
-    for cuts in time_order.in_time(cut(files, topic, start_ns, end_ns, lambda found: found)):
+    for cuts in time_order.in_time(cut(topic, start_ns, end_ns, lambda found: found)):
         yield merge(cuts)
 
 
 def cut(
-    files: Sequence[File], topic: str, start_ns: int, end_ns: int, work: Callable[[Cut], Work]
+    topic: StoredTopic, start_ns: int, end_ns: int, work: Callable[[Cut], Work]
 ) -> Iterator[tuple[int, list[Work]]]:
     """Cut a topic's messages out of each chunk that holds some, by the chunks' start times.
 
     Args:
-        files: In the order of writing.
-        topic: Its name.
+        topic: Which one.
         start_ns: First log time, in ns.
         end_ns: Last log time, included, in ns.
         work: What to make of the messages of a channel and chunk; called on several threads.
@@ -113,12 +109,12 @@ def cut(
         The chunk's first log time, and what `work` made.
     """
     if start_ns <= 0 and end_ns >= LAST_NS:
-        for file in files:
+        for file in topic.files:
             file.survey()
     done: set[tuple[int, int]] = set()
     while True:
         try:
-            for key, found in _cut(files, topic, start_ns, end_ns, work, done):
+            for key, found in _cut(topic, start_ns, end_ns, work, done):
                 done.add(key)
                 yield found
         except ReindexedError:
@@ -127,8 +123,7 @@ def cut(
 
 
 def _cut(
-    files: Sequence[File],
-    topic: str,
+    topic: StoredTopic,
     start_ns: int,
     end_ns: int,
     work: Callable[[Cut], Work],
@@ -144,18 +139,19 @@ def _cut(
     Yields:
         Which chunk, and what `cut` yields for it.
     """
-    indexes = [file.index for file in files]
-    channels = [index.channels_of(topic) for index in indexes]
+    files = topic.files
+    channels = [list(file.index.channels_of(topic.name).values()) for file in files]
+    spans = plan.coalesce(topic.chunks(start_ns, end_ns))
 
     def jobs() -> Iterator[_Job]:
-        for span in plan.spans(indexes, channels, start_ns, end_ns):
+        for span in spans:
             file = files[span.file]
             data = memoryview(file.read_span(span.offset, span.length))
             for located in span.chunks:
                 start = located.chunk.offset - span.offset
                 record = data[start : located.end - span.offset]
                 if (span.file, located.chunk.offset) not in done:
-                    yield _Job(file, list(channels[span.file].values()), located, record)
+                    yield _Job(file, channels[span.file], located, record)
 
     def do(job: _Job) -> tuple[tuple[int, int], tuple[int, list[Work]]]:
         chunk = job.located.chunk

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any, SupportsIndex
 
 import numpy as np
@@ -19,11 +19,9 @@ from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..rows.merge import merge
 from ..time_hints import seconds_hint
 from . import topic_messages
-from .file import File
+from .stored_topic import LAST_NS, StoredTopic
 from .time_order import TOLERANCE_NS, is_close
 from .topic_messages import Batch, Origin
-
-LAST_NS = topic_messages.LAST_NS
 
 _AT_ONCE = 32
 """So many rows are decoded before the first one is handed out; more would set off the garbage collector."""
@@ -31,9 +29,7 @@ _AT_ONCE = 32
 _LAST_S = clock.to_seconds(LAST_NS)
 
 
-def check_range(
-    start: Any, end: Any, names: tuple[str, str] = ("start_timestamp", "end_timestamp")
-) -> tuple[float, float]:
+def check_range(start: Any, end: Any, names: tuple[str, str] = ("start", "end")) -> tuple[float, float]:
     """Return a time range in seconds, both ends included; None is unbounded.
 
     Args:
@@ -82,7 +78,7 @@ def to_ns_range(low: float, high: float) -> tuple[int, int]:
     return max(0, start - TOLERANCE_NS), end if end < 0 else min(LAST_NS, end + TOLERANCE_NS)
 
 
-def read(files: Sequence[File], topic: str, low: float = -math.inf, high: float = math.inf) -> Iterator[Row]:
+def read(topic: StoredTopic, low: float = -math.inf, high: float = math.inf) -> Iterator[Row]:
     """Read a topic's rows with time stamps in [low, high], in time order.
 
     Each row is a dict of its fields as they were given and `_ts`. Rows of a recorded track with the same double for
@@ -90,14 +86,13 @@ def read(files: Sequence[File], topic: str, low: float = -math.inf, high: float 
     messages are never merged, and take their log time where they have no `_ts` of their own.
 
     Args:
-        files: In the order of writing.
-        topic: Its name.
+        topic: Which one.
         low: First time stamp, in seconds.
         high: Last time stamp, included, in seconds.
     """
     decoders: dict[tuple[str, int], Decoder] = {}
     start_ns, end_ns = to_ns_range(low, high)
-    for batch in topic_messages.read(files, topic, start_ns, end_ns):
+    for batch in topic_messages.read(topic, start_ns, end_ns):
         rows = of_batch(batch, decoders)
         if low > -math.inf or high < math.inf:
             rows = (row for row in rows if low <= row[TIME_KEY] <= high)
@@ -105,7 +100,7 @@ def read(files: Sequence[File], topic: str, low: float = -math.inf, high: float 
 
 
 def stamped(
-    files: Sequence[File], topic: str, low: float = -math.inf, high: float = math.inf
+    topic: StoredTopic, low: float = -math.inf, high: float = math.inf
 ) -> Iterator[tuple[list[Row], list[int]]]:
     """Read the rows of a topic whose messages are never merged, with the log time of each.
 
@@ -115,7 +110,7 @@ def stamped(
         Some rows, and their log times, in ns.
     """
     decoders: dict[tuple[str, int], Decoder] = {}
-    for batch in topic_messages.read(files, topic, *to_ns_range(low, high)):
+    for batch in topic_messages.read(topic, *to_ns_range(low, high)):
         pairs = zip(_decode(batch, decoders), batch.times_ns.tolist(), strict=True)
         found = [(row, time) for row, time in pairs if row is not None and low <= row[TIME_KEY] <= high]
         if found:

@@ -18,7 +18,7 @@ from ..mcap.record_layout import PREFIX_BYTES, Fields, read_prefix
 from ..mcap.records import BLOCK_END, CHANNEL, MAGIC, SCHEMA, Chunk, Opcode, Schema
 from ..mcap.segment import Segment
 from ..query.file import File
-from ..query.topic_rows import LAST_NS
+from ..query.stored_topic import LAST_NS
 
 
 def unfinished(folder: Path, session: str, stamp: str) -> Iterable[Path]:

@@ -3,20 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from itertools import islice
-from typing import Any, Literal, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, overload
 
 from ..errors import RangeError
-from ..rows.encode import TIME_KEY
+from ..formats.writers import render
 from ..rows.result_dicts import BytesFormat, Page, Take, TimePage
 from ..topic import Topic
+from ..topic_reader import Columns, Json, Seconds
 from . import pages
 from .tracks import BoundTopic
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 SelfT = TypeVar("SelfT", bound="SessionTrack")
 
 DEFAULT_LIMIT = 1000
+
+
+class Part(TypedDict, total=False):
+    """What `read` takes besides the numbers of points."""
+
+    start_timestamp: Seconds
+    """First time stamp, included, in s."""
+    end_timestamp: Seconds
+    """Last time stamp, included, in s."""
+    columns: Columns
+    """Dotted names; None and an empty list are all."""
 
 
 class SessionTrack(BoundTopic):
@@ -88,70 +103,29 @@ class SessionTrack(BoundTopic):
 
     @overload
     def read(
-        self,
-        start_index: int = 0,
-        limit: int | None = None,
-        *,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Sequence[str] | None = None,
-        format: Literal["json"] = "json",
+        self, start_index: int = 0, limit: int | None = None, *, format: Json = "json", **part: Unpack[Part]
     ) -> Page: ...
-
     @overload
     def read(
-        self,
-        start_index: int = 0,
-        limit: int | None = None,
-        *,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Sequence[str] | None = None,
-        format: BytesFormat,
+        self, start_index: int = 0, limit: int | None = None, *, format: BytesFormat, **part: Unpack[Part]
     ) -> bytes: ...
-
     @overload
     def read(
-        self,
-        start_index: int = 0,
-        limit: int | None = None,
-        *,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Sequence[str] | None = None,
-        format: Literal["mocap"],
+        self, start_index: int = 0, limit: int | None = None, *, format: Literal["mocap"], **part: Unpack[Part]
     ) -> Take: ...
-
     @overload
     def read(
-        self,
-        start_index: int = 0,
-        limit: int | None = None,
-        *,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Sequence[str] | None = None,
-        format: str = "json",
+        self, start_index: int = 0, limit: int | None = None, *, format: str = "json", **part: Unpack[Part]
     ) -> Any: ...
-
     def read(
-        self,
-        start_index: int = 0,
-        limit: int | None = None,
-        *,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Sequence[str] | None = None,
-        format: str = "json",
+        self, start_index: int = 0, limit: int | None = None, *, format: str = "json", **part: Unpack[Part]
     ) -> Any:
         """Return points by index, by time, or both.
 
         Args:
             start_index: The first one wanted, counted from the first point of the time range.
             limit: How many at most; by default 1000 points as JSON, and everything in the other formats.
-            start_timestamp: The first time wanted, in seconds, included; None is the beginning.
-            end_timestamp: The last time wanted, in seconds, included; None is the end.
-            columns: The fields wanted, nested ones under dotted names. None and an empty list are all.
+            part: `start_timestamp` and `end_timestamp`, in s, both included, and `columns`, as `Track.read` has them.
             format: "json" for what is said below; "jsonl", "parquet", "mocap" and "mcap" as `Track.read` has them.
 
         Returns:
@@ -165,13 +139,10 @@ class SessionTrack(BoundTopic):
         """
         pages.check_range(start_index, 0 if limit is None else limit)
         self.flush()
-        window: dict[str, Any] = {"start_timestamp": start_timestamp, "end_timestamp": end_timestamp}
         if format == "json":
-            rows = self._readback.rows(self.name, **window, columns=columns)
-            return pages.page(rows, start_index, DEFAULT_LIMIT if limit is None else limit, self._readback.begun_s)
-        if start_index or limit is not None:
-            window = self._times_of(start_index, limit, window)
-        return self._readback.recording().read(self.name, **window, columns=columns, format=format)
+            most = DEFAULT_LIMIT if limit is None else limit
+            return pages.page(self._readback.part(self.name, **part).rows(), start_index, most, self._readback.begun_s)
+        return render(self._readback.part(self.name, **part, start_index=start_index, limit=limit), format)
 
     def read_by_time(
         self,
@@ -200,7 +171,7 @@ class SessionTrack(BoundTopic):
         self.flush()
         last = None if end_time is None else _just_before(end_time)
         empty = start_time is not None and last is not None and last < start_time
-        rows = iter(()) if empty else self._readback.rows(self.name, start_timestamp=start_time, end_timestamp=last)
+        rows = iter(()) if empty else self._readback.part(self.name, start_time, last).rows()
         wanted = list(rows if reverse else islice(rows, limit + 1))
         points = [pages.point(place, row, self._readback.begun_s) for place, row in enumerate(wanted)]
         data = (points[::-1] if reverse else points)[:limit]
@@ -216,14 +187,6 @@ class SessionTrack(BoundTopic):
     def _earlier(self) -> int:
         """Points that the track had before this session."""
         return self._readback.earlier_count(self.name)
-
-    def _times_of(self, start_index: int, limit: int | None, window: dict[str, Any]) -> dict[str, Any]:
-        """Return the time range of the points of an index range: no two points of a track have the same time."""
-        times_s = (row[TIME_KEY] for row in self._readback.rows(self.name, **window))
-        wanted = list(islice(times_s, start_index, None if limit is None else start_index + limit))
-        if not wanted:
-            return {"start_timestamp": math.inf, "end_timestamp": math.inf}
-        return {"start_timestamp": wanted[0], "end_timestamp": wanted[-1]}
 
 
 def _just_before(end_time: float) -> float:

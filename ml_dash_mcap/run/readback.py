@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 from ..errors import DamagedFileError, MissingRecordingError, StateError
+from ..query.topic_part import TopicPart
+from ..query.topic_rows import check_range
 from ..recorder import Recorder
-from ..recording import Recording
+from ..recording import Recording, stored_topic
+from ..rows.dotted import check_columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,25 +92,36 @@ class Readback:
         except DamagedFileError:
             return 0
 
-    def rows(
+    def part(
         self,
         topic: str,
         start_timestamp: float | None = None,
         end_timestamp: float | None = None,
-        columns: Sequence[str] | None = None,
-    ) -> Iterator[dict[str, Any]]:
-        """Yield a topic's rows, nested as they were given and with `_ts`, in time order; none if it has none.
+        columns: Iterable[str] | None = None,
+        start_index: int = 0,
+        limit: int | None = None,
+    ) -> TopicPart:
+        """Return a part of a topic, as the two packages' `read` choose one: what is not there has no rows.
 
         Args:
             topic: Its name.
-            start_timestamp: The first time wanted, in seconds, included.
-            end_timestamp: The last time wanted, in seconds, included.
-            columns: The fields wanted; None is all.
+            start_timestamp: The first time wanted, in s, included; None is the beginning.
+            end_timestamp: The last time wanted, in s, included; None is the end.
+            columns: The fields wanted, nested ones under dotted names; None and an empty list are all.
+            start_index: How many rows of the time range to leave out at its beginning.
+            limit: How many rows at most; None for all.
+
+        Raises:
+            RangeError: A time is no number, or the end lies before the start.
+            StateError: The recorder is closed.
         """
         recording = self.recording()
-        if topic not in recording:
-            return iter(())
-        return recording[topic].rows(start_timestamp, end_timestamp, columns)
+        start, end = check_range(start_timestamp, end_timestamp, ("start_timestamp", "end_timestamp"))
+        return TopicPart(stored_topic(recording, topic), start, end, check_columns(columns), start_index, limit)
+
+    def rows(self, topic: str) -> Iterator[dict[str, Any]]:
+        """Yield a topic's rows, nested as they were given and with `_ts`, in time order; none if it has none."""
+        return self.part(topic).rows()
 
     def about(self, topic: str) -> About:
         """Return what is known of a topic."""

@@ -9,10 +9,12 @@ from typing import Any, Generic, Literal, TypeVar, overload
 
 from ..errors import EntryNotFoundError, FieldError, RangeError
 from ..file_names import TRACK
+from ..formats.writers import render
 from ..meaning.annotations import NOTHING_SAID, collect
 from ..recorder import Recorder
 from ..rows.result_dicts import BytesFormat, Entries, Take
 from ..topic import Topic, check_topic
+from ..topic_reader import Columns, Json, Seconds
 from .readback import Readback
 
 Entry = dict[str, Any]
@@ -51,46 +53,42 @@ class Track(BoundTopic):
     @overload
     def read(
         self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
-        format: Literal["json"] = "json",
+        start_timestamp: Seconds = None,
+        end_timestamp: Seconds = None,
+        columns: Columns = None,
+        format: Json = "json",
     ) -> Entries: ...
-
     @overload
     def read(
         self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
+        start_timestamp: Seconds = None,
+        end_timestamp: Seconds = None,
+        columns: Columns = None,
         *,
         format: BytesFormat,
     ) -> bytes: ...
-
     @overload
     def read(
         self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
+        start_timestamp: Seconds = None,
+        end_timestamp: Seconds = None,
+        columns: Columns = None,
         *,
         format: Literal["mocap"],
     ) -> Take: ...
-
     @overload
     def read(
         self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
+        start_timestamp: Seconds = None,
+        end_timestamp: Seconds = None,
+        columns: Columns = None,
         format: str = "json",
     ) -> Any: ...
-
     def read(
         self,
-        start_timestamp: float | None = None,
-        end_timestamp: float | None = None,
-        columns: Iterable[str] | None = None,
+        start_timestamp: Seconds = None,
+        end_timestamp: Seconds = None,
+        columns: Columns = None,
         format: str = "json",
     ) -> Any:
         """Return the rows of a time range, merged and sorted by time, earlier runs under this prefix included.
@@ -112,9 +110,7 @@ class Track(BoundTopic):
             RangeError: A time is no number, or the end lies before the start.
             StateError: The run has ended; `Recording(path)` reads it.
         """
-        return self._readback.recording().read(
-            self.name, start_timestamp=start_timestamp, end_timestamp=end_timestamp, columns=columns, format=format
-        )
+        return render(self._readback.part(self.name, start_timestamp, end_timestamp, columns), format)
 
     def list_entries(self) -> list[Entry]:
         """Return all rows, as `read()["entries"]`."""

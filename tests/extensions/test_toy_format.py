@@ -17,8 +17,8 @@ from ml_dash_mcap.formats import registry
 from ml_dash_mcap.formats.export_job import Job
 from ml_dash_mcap.formats.file_start import begins_with
 from ml_dash_mcap.formats.registry import Format, Progress
-from ml_dash_mcap.formats.topic_part import Selection
 from ml_dash_mcap.inspect.topics import TopicInfo
+from ml_dash_mcap.query.topic_part import TopicPart
 
 MAGIC = b"toys\n"
 
@@ -57,23 +57,23 @@ def write(job: Job, options: ToyWriteOptions) -> Path:
     with job.dest.open("wb") as file:
         file.write(MAGIC)
         for topic, info in job.topics.items():
-            put_rows(job.selection(topic), info, file, options.digits)
+            put_rows(job.part(topic), info, file, options.digits)
     return job.dest
 
 
-def stream(selection: Selection, info: TopicInfo, out: BinaryIO) -> None:
+def stream(part: TopicPart, info: TopicInfo, out: BinaryIO) -> None:
     """Write the lines of one topic."""
-    put_rows(selection, info, out, 6)
+    put_rows(part, info, out, 6)
 
 
-def put_rows(selection: Selection, info: TopicInfo, out: BinaryIO, digits: int) -> None:
-    for row in selection.rows():
+def put_rows(part: TopicPart, info: TopicInfo, out: BinaryIO, digits: int) -> None:
+    for row in part.rows():
         out.write(f"{info.name} {row['_ts']!r} {row['value']:.{digits}g}\n".encode())
 
 
-def render(selection: Selection) -> dict[float, float]:
+def render(part: TopicPart) -> dict[float, float]:
     """Return the values by time."""
-    return {row["_ts"]: row["value"] for row in selection.rows()}
+    return {row["_ts"]: row["value"] for row in part.rows()}
 
 
 TOY = Format(

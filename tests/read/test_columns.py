@@ -19,6 +19,7 @@ from ml_dash_mcap.codecs.json_lines import LineReader, joined
 from ml_dash_mcap.errors import NotFoundError, RangeError
 from ml_dash_mcap.rows.dotted import flatten
 from ml_dash_mcap.rows.table import ENCODING_KEY, from_rows, from_text
+from ml_dash_mcap.topic_reader import TopicReader
 from tests.support.examples import examples
 
 SMALL = RecorderOptions(chunk_bytes=65536, backlog_bytes=262_144, sync_interval_s=0)
@@ -93,13 +94,21 @@ def test_columns_are_those_of_the_rows(
             if "a" not in recording:
                 return
             reader = recording["a"]
-            wanted = [one for one in columns or [] if reader._has(one)]
+            wanted = [one for one in columns or [] if has(reader, one)]
             is_plain = len({time for time, _, _ in program}) == len(program)
             for low, high in ((None, None), (0.4, 2.5)):
                 expected = from_rows([flatten(row, "_ts") for row in reader.rows(low, high, wanted)])
                 found = reader.to_arrow(low, high, wanted)
                 assert values(found) == values(expected)
                 assert types(found) == types(expected) or not (is_plain and low is None)
+
+
+def has(reader: TopicReader, column: str) -> bool:
+    try:
+        reader.rows(columns=[column])
+    except NotFoundError:
+        return False
+    return True
 
 
 def read(reader: LineReader, *payloads: bytes) -> dict[str, pa.Array] | None:
@@ -237,7 +246,8 @@ def test_an_unknown_column_names_those_that_are_like_it(robot: Path) -> None:
     with Recording(robot) as recording:
         with pytest.raises(NotFoundError, match=r"cam\.name"):
             recording["robot"].to_arrow(columns=["cam.nam"])
-        assert recording["robot"].read(columns=["cam.nam"])["entries"][0] == {"timestamp": 0.0}
+        with pytest.raises(NotFoundError, match=r"cam\.name"):
+            recording["robot"].read(columns=["cam.nam"])
         assert recording["robot"].to_arrow(columns=["pose", "late"]).column_names == ["_ts", "pose", "late"]
 
 

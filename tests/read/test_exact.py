@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.query import exact_blocks
+from ml_dash_mcap.query.stored_topic import StoredTopic
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.rows.table import Block
@@ -23,7 +24,7 @@ Row = dict[str, Any]
 
 def parts_of(folder: Path, low: float = -1.0, high: float = 1e9) -> list[Block | list[Row]]:
     with Recording(folder) as recording:
-        return list(exact_blocks.read(recording._opened(), "t", low, high))
+        return list(exact_blocks.read(StoredTopic(recording._opened(), "t"), low, high))
 
 
 def as_rows(parts: list[Block | list[Row]]) -> list[Row]:

@@ -11,6 +11,7 @@ from mcap.writer import CompressionType, Writer
 from ml_dash_mcap.errors import DamagedFileError
 from ml_dash_mcap.query import topic_rows
 from ml_dash_mcap.query.file import File
+from ml_dash_mcap.query.stored_topic import StoredTopic
 from tests.support.assemble import MAGIC, Bundle, written
 from tests.support.files import draft, finished, ns, payload, unfinished
 
@@ -29,7 +30,7 @@ def opened(path: Path, data: bytes) -> File:
 
 def read(file: File) -> dict[str, list]:
     topics = {channel.topic for channel in file.index.channels.values()}
-    return {topic: list(topic_rows.read([file], topic)) for topic in sorted(topics)}
+    return {topic: list(topic_rows.read(StoredTopic([file], topic))) for topic in sorted(topics)}
 
 
 def whole_rows(data: bytes) -> dict[str, list]:

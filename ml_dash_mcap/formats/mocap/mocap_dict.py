@@ -6,27 +6,27 @@ import numpy as np
 
 from ... import clock
 from ...inspect import topics
+from ...query.topic_part import TopicPart
 from ...rows.result_dicts import Take
-from ..topic_part import Selection
 from .frame_numbers import mean_rate, spacing
 
 VERSION = "1.0"
 TIME_NAME = "time"
 
 
-def render(selection: Selection) -> Take:
+def render(part: TopicPart) -> Take:
     """Return `{"version", "metadata", "channels", "frames"}`, a frame being `{"time": s, "q": ...}`.
 
     A field that is itself called `time` is `fields.time` here.
     """
-    frames = list(selection.flat_rows(TIME_NAME))
+    frames = list(part.flat_rows(TIME_NAME))
     times = [frame[TIME_NAME] for frame in frames]
     channels = {name for frame in frames for name in frame} - {TIME_NAME}
-    description, tags, _ = topics.describe(selection.files, selection.topic)
+    description, tags, _ = topics.describe(part.stored)
     return {
         "version": VERSION,
         "metadata": {
-            "topic": selection.topic,
+            "topic": part.topic,
             "description": description,
             "tags": list(tags),
             "fps": frame_rate(times),

@@ -14,11 +14,11 @@ import pyarrow.compute as pc
 
 from ...errors import ConversionError
 from ...meaning.mocap_objects import Source
+from ...query.topic_part import TopicPart
 from ...rows import numpy_columns
 from ...rows.encode import TIME_KEY
 from ...rows.table import to_table, values_of
 from ..export_job import Counter
-from ..topic_part import Selection
 
 if TYPE_CHECKING:
     from ...rows.table import Block
@@ -29,15 +29,15 @@ Floats = npt.NDArray[np.float64]
 class Samples:
     """Reads a topic once, from its first row to its last; memory holds what was asked for last."""
 
-    def __init__(self, selection: Selection, sources: Sequence[Source], counter: Counter) -> None:
-        self._topic = selection.topic
+    def __init__(self, part: TopicPart, sources: Sequence[Source], counter: Counter) -> None:
+        self._topic = part.topic
         self._shapes = {column: source.shape for source in sources for column in source.columns}
         self._at: dict[str, int] = {}
         width = 0
         for column, shape in self._shapes.items():
             self._at[column] = width
             width += math.prod(shape)
-        self._blocks = replace(selection, columns=[*self._shapes]).blocks()
+        self._blocks = replace(part, columns=[*self._shapes]).blocks()
         self._counter = counter
         self._times: Floats = np.empty(0)
         self._values: Floats = np.empty((0, width))

@@ -95,7 +95,7 @@ class Take:
         mine = [(thing, at) for thing, at in self.columns() if thing.topic == topic]
         info = self.job.topics[topic]
         held = {name for name, field in info.fields.items() if field.type == "integer" and not field.shape}
-        return TopicFrames(self.job.selection(topic), info.metadata, mine, self.clock, self.options, counter, held=held)
+        return TopicFrames(self.job.part(topic), info.metadata, mine, self.clock, self.options, counter, held=held)
 
 
 def _width(thing: Thing) -> int:
@@ -146,7 +146,7 @@ def is_ragged(field: Field) -> bool:
 
 def _first_shape(job: Job, topic: str, name: str) -> tuple[int, ...]:
     """Return the shape of a field of lists in the first row that has it; () if none has."""
-    for row in job.selection(topic, [name]).flat_rows(TIME_KEY):
+    for row in job.part(topic, [name]).flat_rows(TIME_KEY):
         if isinstance(row.get(name), list):
             return (len(row[name]),)
     return ()

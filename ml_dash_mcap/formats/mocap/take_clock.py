@@ -13,7 +13,6 @@ import numpy.typing as npt
 from ... import clock as clocks
 from ...clock import NS_PER_S
 from ...errors import ConversionError, OptionError
-from ...file_names import TRACK
 from ...query import counts, topic_rows
 from ...rows.encode import TIME_KEY
 from ..export_job import Job
@@ -160,14 +159,15 @@ def find(
 
 def _times(job: Job, topic: str, low: int, high: int) -> npt.NDArray[np.int64]:
     """Return the times of a topic's rows, ascending, in ns; those of a track merge where their doubles are the same."""
-    found = np.sort(counts.times(job.files, topic, low, high).astype(np.int64))
-    if counts.kind(job.files, topic) != TRACK or np.diff(found).all():
+    stored = job.stored(topic)
+    found = np.sort(stored.times(low, high).astype(np.int64))
+    if not stored.is_track or np.diff(found).all():
         return found
     distinct = np.unique(found)
-    is_whole = len(found) == len(counts.times(job.files, topic, 0, topic_rows.LAST_NS))
-    if is_whole and counts.count(job.files, topic) == len(distinct):
+    is_whole = len(found) == len(stored.times())
+    if is_whole and counts.count(stored) == len(distinct):
         return distinct
-    stamps = np.array([row[TIME_KEY] for row in job.selection(topic).rows()], np.float64)
+    stamps = np.array([row[TIME_KEY] for row in job.part(topic).rows()], np.float64)
     return clocks.to_nanoseconds_each(stamps).astype(np.int64)  # two doubles may be in one nanosecond
 
 
@@ -204,7 +204,7 @@ def _first(job: Job, times: dict[str, npt.NDArray[np.int64]]) -> float:
     """Return the exact time stamp of the first row of several topics, in s."""
     first_ns = min(found[0] for found in times.values())
     starting = [topic for topic, found in times.items() if found[0] == first_ns]
-    return min(float(next(job.selection(topic).rows())[TIME_KEY]) for topic in starting)
+    return min(float(next(job.part(topic).rows())[TIME_KEY]) for topic in starting)
 
 
 def _numbers(union: npt.NDArray[np.int64], spacings: dict[str, Spacing]) -> npt.NDArray[np.int64]:

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from ...errors import ConversionError, ConversionWarning
 from ...meaning import rotations, space
 from ...meaning.mocap_objects import Body, Joint, Marker, Source
+from ...query.topic_part import TopicPart
 from ..export_job import Counter
-from ..topic_part import Selection
 from . import resample
 from .frame_numbers import longest_gap_s
 from .samples import Samples
@@ -33,7 +33,7 @@ class TopicFrames:
 
     def __init__(
         self,
-        selection: Selection,
+        part: TopicPart,
         metadata: Mapping[str, Any],
         things: Sequence[tuple[Thing, int]],
         clock: Clock,
@@ -45,7 +45,7 @@ class TopicFrames:
         """Begin to read a topic.
 
         Args:
-            selection: Its rows.
+            part: Its rows.
             metadata: Of the topic.
             things: Its objects, each with its first column in the take.
             clock: Of the take.
@@ -55,13 +55,13 @@ class TopicFrames:
         """
         self.bad = 0
         """How many values were left out because they are no rotations."""
-        self._name = selection.topic
+        self._name = part.topic
         self._clock = clock
         self._options = options
         self._metadata = metadata
         self._up = space.up_of(metadata)
         self._to = options.up or self._up
-        self._samples = Samples(selection, [one for thing, _ in things for one, _, _ in parts_of(thing)], counter)
+        self._samples = Samples(part, [one for thing, _ in things for one, _, _ in parts_of(thing)], counter)
         copied: list[tuple[int, int]] = []
         self._others: list[tuple[Thing, int, Source, int, str]] = []
         for thing, at in things:

@@ -13,7 +13,7 @@ from ...codecs.ros.message_types import Definitions
 from ...errors import ConversionError, ConversionWarning, OptionError
 from ...file_names import MESSAGE, TRACK
 from ...mcap.message import Connection
-from ...query import counts, exact_blocks
+from ...query import exact_blocks
 from ...rows.encode import TIME_KEY
 from ..export_job import Job
 from . import (
@@ -153,7 +153,7 @@ class Planner:
         """Return what a message's definition says besides its fields, in bags that have no other place for it too."""
         info = self._job.topics[topic]
         said: dict[str, Any] = {"topic": topic}
-        kind = counts.kind(self._job.files, topic)
+        kind = self._job.stored(topic).kind
         if kind != TRACK:
             said["kind"] = kind or MESSAGE
         if info.description is not None:
@@ -219,7 +219,7 @@ class Planner:
     def _uneven(self, topic: str, way: tuple[Field, ...]) -> str:
         """Say which is the first row where a field's length differs from the one before."""
         number, length = 0, None
-        for part in exact_blocks.read(self._job.files, topic, self._job.low, self._job.high):
+        for part in exact_blocks.read(self._job.stored(topic), self._job.low, self._job.high):
             for row in part if isinstance(part, list) else arrow_blocks.to_rows(part):
                 value: Any = row
                 for one in way:

@@ -16,7 +16,7 @@ from ...errors import ConversionError, ConversionWarning
 from ...file_names import ABOUT_RECORD, BAG_RECORD
 from ...mcap.message import CHUNK_BYTES, Connection, MessageBlock, Payload
 from ...mcap.records import Metadata
-from ...query import counts, stored_messages, topic_rows
+from ...query import stored_messages, topic_rows
 from ...query.file import File
 from ..export_job import Job
 from . import bag_information
@@ -49,7 +49,7 @@ def topics(job: Job) -> list[str]:
 
 
 def _is_carried(job: Job, topic: str) -> bool:
-    channels = counts.channels(job.files, topic)
+    channels = job.stored(topic).channels
     return bool(channels) and all(channel.message_encoding in ("cdr", "ros1") for _, channel in channels)
 
 

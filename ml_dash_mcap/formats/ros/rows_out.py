@@ -17,9 +17,8 @@ from ... import clock
 from ...codecs.ros.message_columns import Constant, Indices, pick
 from ...codecs.ros.pack import Packed, pack
 from ...errors import ConversionError
-from ...file_names import TRACK
 from ...mcap.message import MessageBlock
-from ...query import counts, exact_blocks
+from ...query import exact_blocks
 from ...query import topic_rows as rows
 from ...query.file import File
 from ...rows.encode import TIME_KEY
@@ -202,9 +201,10 @@ class Outgoing:
 
     def _parts(self, topic: str) -> Iterator[Part]:
         job = self._job
-        if counts.kind(job.files, topic) == TRACK:
-            return exact_blocks.read(job.files, topic, job.low, job.high)
-        found = rows.stamped(job.files, topic, job.low, job.high)
+        stored = job.stored(topic)
+        if stored.is_track:
+            return exact_blocks.read(stored, job.low, job.high)
+        found = rows.stamped(stored, job.low, job.high)
         return (_Stamped(some, times_ns) for some, times_ns in found)
 
     # -- rows to messages ----------------------------------------------------------------------------------------------

@@ -24,7 +24,8 @@ from hypothesis import strategies as st
 from ml_dash_mcap import Recording
 from ml_dash_mcap.cli import main
 from ml_dash_mcap.formats.tables.csv.write import stream
-from ml_dash_mcap.formats.topic_part import Selection
+from ml_dash_mcap.query.stored_topic import StoredTopic
+from ml_dash_mcap.query.topic_part import TopicPart
 from ml_dash_mcap.rows.dotted import flatten
 from tests.formats.tables.test_parquet_files import _a_block_a_chunk, recording, steps  # noqa: F401
 from tests.read.test_columns import ROWS
@@ -144,7 +145,7 @@ def test_a_stream_is_the_file(tmp_path: Path) -> None:
     rec = recording(tmp_path, steps(2, 0.0, q=[1], n=1), steps(2, 1.0, q=[1, 2], s="a,b"))
     out = io.BytesIO()
     with rec:
-        stream(Selection(rec._opened(), "robot"), rec.topics["robot"], out)
+        stream(TopicPart(StoredTopic(rec._opened(), "robot")), rec.topics["robot"], out)
         assert out.getvalue() == exported(rec).read_bytes()
 
 
@@ -153,7 +154,7 @@ def test_a_stream_has_the_columns_that_were_asked_for(tmp_path: Path) -> None:
     rec = recording(tmp_path, steps(1, a=1, b=2), schemas={"robot": schema})
     out = io.BytesIO()
     with rec:
-        stream(Selection(rec._opened(), "robot", columns=["b"]), rec.topics["robot"], out)
+        stream(TopicPart(StoredTopic(rec._opened(), "robot"), columns=["b"]), rec.topics["robot"], out)
     assert out.getvalue() == b"_ts,b\n0.0,2\n"
 
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from ....inspect.topics import TopicInfo
+from ....query.topic_part import TopicPart
 from ....rows.table import Block
 from ... import per_topic
 from ...export_job import Counter, Job
 from ...registry import NoOptions
-from ...topic_part import Selection
 from .. import write_passes
 from . import cells
 from .layout import Layout
@@ -33,18 +33,18 @@ def export(job: Job, options: NoOptions) -> Path:
     return per_topic.write(job, SUFFIX, _write)
 
 
-def stream(selection: Selection, info: TopicInfo, out: BinaryIO) -> None:
+def stream(part: TopicPart, info: TopicInfo, out: BinaryIO) -> None:
     """Write the CSV of one topic to what cannot be written twice; the rows are read twice instead."""
-    layout = Layout(info, selection.columns)
-    for block in selection.blocks():
+    layout = Layout(info, part.columns)
+    for block in part.blocks():
         layout.add(block)
     out.write(layout.header())
-    for block in selection.blocks():
+    for block in part.blocks():
         out.write(cells.lines(layout.cells(block)))
 
 
-def _write(selection: Selection, info: TopicInfo, path: Path, counter: Counter) -> None:
-    layout = Layout(info, selection.columns)
+def _write(part: TopicPart, info: TopicInfo, path: Path, counter: Counter) -> None:
+    layout = Layout(info, part.columns)
 
     @contextlib.contextmanager
     def begin() -> Iterator[Callable[[Block], None]]:
@@ -52,7 +52,7 @@ def _write(selection: Selection, info: TopicInfo, path: Path, counter: Counter) 
             file.write(layout.header())
             yield lambda block: _put(file, layout, block)
 
-    write_passes.write(selection.blocks, layout, begin, counter.add)
+    write_passes.write(part.blocks, layout, begin, counter.add)
 
 
 def _put(file: BinaryIO, layout: Layout, block: Block) -> None:

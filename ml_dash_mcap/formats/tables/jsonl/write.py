@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 from ....inspect.topics import TopicInfo
+from ....query.topic_part import TopicPart
 from ... import per_topic
 from ...export_job import Counter, Job
 from ...registry import NoOptions
-from ...topic_part import Selection
 from ..row_entries import TIME_NAME
 from . import text as jsonl
 
@@ -28,16 +28,16 @@ def export(job: Job, options: NoOptions) -> Path:
     return per_topic.write(job, SUFFIX, _write)
 
 
-def stream(selection: Selection, info: TopicInfo, out: BinaryIO) -> None:
+def stream(part: TopicPart, info: TopicInfo, out: BinaryIO) -> None:
     """Write one topic's lines to an open file or pipe."""
-    for row in selection.flat_rows(TIME_NAME):
+    for row in part.flat_rows(TIME_NAME):
         out.write(jsonl.line(row) + b"\n")
 
 
-def _write(selection: Selection, info: TopicInfo, path: Path, counter: Counter) -> None:
+def _write(part: TopicPart, info: TopicInfo, path: Path, counter: Counter) -> None:
     with path.open("wb") as file:
         done = 0
-        for row in selection.flat_rows(TIME_NAME):
+        for row in part.flat_rows(TIME_NAME):
             file.write(jsonl.line(row) + b"\n")
             done += 1
             if done % _COUNTED_ROWS == 0:

@@ -15,11 +15,11 @@ import pyarrow.parquet as pq
 from ....file_names import ABOUT_RECORD
 from ....inspect.topics import TopicInfo
 from ....query.file import File
+from ....query.topic_part import TopicPart
 from ....rows.encode import TIME_KEY
 from ....rows.table import Block
 from ... import per_topic
 from ...export_job import Counter, Job
-from ...topic_part import Selection
 from .. import write_passes
 from ..table_options import ParquetWriteOptions
 from .layout import Layout
@@ -51,15 +51,15 @@ def export(job: Job, options: ParquetWriteOptions) -> Path:
         options: How to write it.
     """
 
-    def put(selection: Selection, info: TopicInfo, path: Path, counter: Counter) -> None:
+    def put(part: TopicPart, info: TopicInfo, path: Path, counter: Counter) -> None:
         about = {**_about(job, info), "kind": info.kind, "flatten": options.flatten}
-        _write(selection, info, path, about, counter, flat=options.flatten)
+        _write(part, info, path, about, counter, flat=options.flatten)
 
     return per_topic.write(job, SUFFIX, put)
 
 
 def _write(
-    selection: Selection, info: TopicInfo, path: Path, about: Mapping[str, Any], counter: Counter, *, flat: bool
+    part: TopicPart, info: TopicInfo, path: Path, about: Mapping[str, Any], counter: Counter, *, flat: bool
 ) -> None:
     layout = Layout(info, flat=flat)
     metadata = {ABOUT_KEY: _json(about)}
@@ -74,7 +74,7 @@ def _write(
             yield lambda block: groups.add(table(block))
             groups.finish()
 
-    write_passes.write(selection.blocks, layout, begin, counter.add)
+    write_passes.write(part.blocks, layout, begin, counter.add)
 
 
 class _Groups:

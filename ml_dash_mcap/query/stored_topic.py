@@ -1,0 +1,136 @@
+"""One topic as the indexes of a recording's files have it: its channels, its chunks, the times of its messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ..file_names import KIND_KEY, TRACK
+from ..mcap.file_index import FileIndex, replanned
+from ..mcap.records import Channel
+from . import plan
+from .file import File
+from .plan import Located
+
+LAST_NS = 2**64 - 1
+"""The last time that MCAP can say, in ns."""
+
+_Range = tuple[int, int]
+_State = list[tuple[FileIndex, int]]
+
+
+class StoredTopic:
+    """A topic of a recording, which need not exist: then it has no channels.
+
+    Its chunks are looked up once: a plan is kept until an index changes. Any thread may call it.
+
+    Attributes:
+        name: Of the topic.
+    """
+
+    __slots__ = ("_files", "_plans", "_state", "name")
+
+    def __init__(self, files: Sequence[File] | Callable[[], Sequence[File]], name: str) -> None:
+        """Look nothing up yet.
+
+        Args:
+            files: Of the recording, in the order of writing; or what returns those that there are now.
+            name: Of the topic.
+        """
+        self.name = name
+        self._files = files
+        self._state: _State = []
+        self._plans: dict[_Range, list[Located]] = {}
+
+    @property
+    def files(self) -> Sequence[File]:
+        """The recording's files, in the order of writing.
+
+        Raises:
+            StateError: The recording is closed.
+        """
+        return self._files() if callable(self._files) else self._files
+
+    @property
+    def channels(self) -> list[tuple[File, Channel]]:
+        """The topic's channels, in the order of writing."""
+        return [(file, channel) for file in self.files for channel in file.index.channels_of(self.name).values()]
+
+    @property
+    def kind(self) -> str | None:
+        """What kind of topic it is; None where no channel says so."""
+        kinds = (channel.metadata.get(KIND_KEY) for _, channel in self.channels)
+        return next((kind for kind in kinds if kind is not None), None)
+
+    @property
+    def is_track(self) -> bool:
+        """Whether rows of one time stamp are one row."""
+        return self.kind == TRACK
+
+    def chunks(self, start_ns: int = 0, end_ns: int = LAST_NS) -> list[Located]:
+        """Return the chunks that may hold messages with log times in [start_ns, end_ns], by their start times."""
+        files = self.files
+        state = [file.state for file in files]
+        if not _is_same(state, self._state):
+            self._state, self._plans = state, {}
+        plans = self._plans
+        planned = plans.get((start_ns, end_ns))
+        if planned is not None:
+            return planned
+        everything = plans.get((0, LAST_NS))
+        if everything is not None:
+            return [one for one in everything if one.chunk.end_ns >= start_ns and one.chunk.start_ns <= end_ns]
+        channels = [index.channels_of(self.name) for index, _ in state]
+        planned = plans[start_ns, end_ns] = plan.chunks([index for index, _ in state], channels, start_ns, end_ns)
+        return planned
+
+    def times_in(self, located: Located) -> npt.NDArray[np.uint64]:
+        """Return the log times of the topic's messages in one chunk, in ns; reads its message indexes."""
+        file = self.files[located.file]
+        times = [file.message_index(located.chunk, id_).times_ns for id_ in file.index.channels_of(self.name)]
+        if len(times) == 1:
+            return times[0]
+        return np.concatenate(times) if times else np.empty(0, np.uint64)
+
+    @replanned
+    def times(self, start_ns: int = 0, end_ns: int = LAST_NS) -> npt.NDArray[np.uint64]:
+        """Return the log times of the topic's messages in [start_ns, end_ns], in no order, [N], in ns."""
+        times = [self.times_in(located) for located in self.chunks(start_ns, end_ns)]
+        joined: npt.NDArray[np.uint64] = np.concatenate(times) if times else np.empty(0, np.uint64)
+        is_wanted: npt.NDArray[np.bool_] = (joined >= np.uint64(start_ns)) & (joined <= np.uint64(max(end_ns, 0)))
+        return joined[is_wanted]
+
+    @replanned
+    def first_ns(self, start_ns: int = 0) -> int | None:
+        """Return the earliest log time from one on, in ns; None if all are earlier. Reads few message indexes."""
+        first: int | None = None
+        for located in self.chunks(start_ns, LAST_NS):
+            if first is not None and located.chunk.start_ns > first:
+                break
+            times = self.times_in(located)
+            times = times[times >= np.uint64(min(start_ns, LAST_NS))]
+            if len(times):
+                first = int(times.min()) if first is None else min(first, int(times.min()))
+        return first
+
+    @replanned
+    def last_ns(self, end_ns: int = LAST_NS) -> int | None:
+        """Return the latest log time up to one, in ns; None if all are later. Reads few message indexes."""
+        last: int | None = None
+        for located in sorted(self.chunks(0, end_ns), key=lambda one: one.chunk.end_ns, reverse=True):
+            if last is not None and located.chunk.end_ns < last:
+                break
+            times = self.times_in(located)
+            times = times[times <= np.uint64(end_ns)]
+            if len(times):
+                last = int(times.max()) if last is None else max(last, int(times.max()))
+        return last
+
+
+def _is_same(state: _State, before: _State) -> bool:
+    """Whether the indexes are those of before, uncorrected since."""
+    return len(state) == len(before) and all(
+        now[0] is then[0] and now[1] == then[1] for now, then in zip(state, before, strict=True)
+    )
