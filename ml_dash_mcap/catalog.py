@@ -52,15 +52,16 @@ class CatalogEntry:
         return 0.0 if self.start is None or self.end is None else self.end - self.start
 
 
-def recordings(root: str | Path, *, store: Store | None = None) -> Iterator[CatalogEntry]:
+def recordings(root: str | Path, *, store: Store | None = None, recover: bool = True) -> Iterator[CatalogEntry]:
     """Yield the recordings in a folder and in the folders below it, sorted by path.
 
     Hidden folders are left out, but for `.dash` and `.dreamlake`, where runs are recorded by default. A folder with
-    MCAP files in it is a recording. Opening one on this machine recovers what a dead recorder left there.
+    MCAP files in it is a recording.
 
     Args:
         root: The folder.
         store: Where it lies; `root` is a name in it then, "" for all of it. None for this machine.
+        recover: Whether to make whole first what dead recorders left there; see `Recording`.
 
     Raises:
         MissingRecordingError: There is no such folder; also a FileNotFoundError.
@@ -75,14 +76,14 @@ def recordings(root: str | Path, *, store: Store | None = None) -> Iterator[Cata
     folder = place(root, "root") if store is None else store.path_of(*names_of([root]))
     if not folder.is_dir():
         raise MissingRecordingError(errno.ENOENT, "no folder here", str(root))
-    return (_look_at(below, None, _size_on_disk, _is_recorded) for below in runs_below(folder))
+    return (_look_at(below, _size_on_disk, recover=recover) for below in runs_below(folder))
 
 
 def _in_store(store: Store, prefix: str) -> Iterator[CatalogEntry]:
     """Yield the recordings in a folder of a store."""
     for folder, inside in runs_in(store.list(prefix)):
         sizes = {label(stored.name): stored.size for stored in inside}
-        yield _look_at(label(folder), store, sizes.__getitem__, lambda path: False)
+        yield _look_at(label(folder), sizes.__getitem__, store=store)
 
 
 def is_recording(path: str | Path) -> bool:
@@ -100,10 +101,10 @@ def is_one_recording(path: str | Path) -> bool:
 
 
 def _look_at(
-    folder: Path, store: Store | None, size_of: Callable[[Path], int], is_recorded: Callable[[Path], bool]
+    folder: Path, size_of: Callable[[Path], int], *, store: Store | None = None, recover: bool = True
 ) -> CatalogEntry:
     try:
-        with Recording(folder, store=store, on_damage="skip") as recording:
+        with Recording(folder, store=store, recover=recover, on_damage="skip") as recording:
             problem = next((f"{loss.path.name}: {loss.what}" for loss in recording.losses if not loss.corrected), None)
             return CatalogEntry(
                 folder,
@@ -117,7 +118,8 @@ def _look_at(
             )
     except (RecorderError, OSError) as error:
         if isinstance(error, MissingRecordingError):  # before its first rows
-            return CatalogEntry(folder, "recording" if is_recorded(folder) else "died")
+            is_recorded = store is None and _is_recorded(folder)
+            return CatalogEntry(folder, "recording" if is_recorded else "died")
         return CatalogEntry(folder, "damaged", problem=str(error))
 
 

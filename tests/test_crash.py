@@ -14,6 +14,8 @@ import pytest
 from mcap.exceptions import McapError
 from mcap.stream_reader import StreamReader
 
+from ml_dash_mcap.catalog import recordings
+from ml_dash_mcap.cli import main
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.recovery import recover
@@ -196,6 +198,27 @@ def test_a_damaged_journal_buffer_does_not_keep_the_others_from_being_recovered(
         first.with_name(first.name.replace("-0.journal", f"-9{number}.journal")).write_bytes(junk)
     with Recording(folder) as recording:
         assert [row["n"] for row in recording["a"].rows()] == list(range(10))
+
+
+def test_a_dead_recording_is_read_as_it_lies_and_left_so_if_nothing_is_to_be_recovered(
+    zygote: Zygote, tmp_path: Path
+) -> None:
+    accepted = crashed(zygote, tmp_path / "run", until=20_000)
+    [active] = (tmp_path / "run").glob("*.active")
+    before = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in (tmp_path / "run").iterdir()}
+    left = journals(tmp_path / "run")
+    with Recording(tmp_path / "run", recover=False) as rec:
+        assert active in rec.segments
+        assert not rec.finished
+        assert 0 < sum(len(rec[name]) for name in rec) < sum(accepted.values())
+    [entry] = recordings(tmp_path, recover=False)
+    assert entry.status == "unfinished"
+    assert main(["info", str(tmp_path / "run"), "--no-recover"]) == 0
+    assert main(["ls", str(tmp_path), "--no-recover"]) == 0
+    after = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in (tmp_path / "run").iterdir()}
+    assert after == before
+    assert journals(tmp_path / "run") == left != []
+    assert lost_or_twice(tmp_path / "run", accepted, in_flight=0) == []  # opening it as usual has them all
 
 
 def test_recovery_leaves_a_living_recorder_alone(zygote: Zygote, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from .. import catalog
 from ..catalog import CatalogEntry
 from ..recording import Recording
-from . import output, times
+from . import output, reading, times
 from .info import topic
 
 SUMMARY = "list the recordings below a folder, or the topics of a recording"
@@ -21,6 +21,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "path", metavar="PATH", nargs="?", default=".", help="a folder or a recording; this folder by default"
     )
+    reading.add_no_recover(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -28,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print them; returns the exit code."""
     if catalog.is_one_recording(arguments.path):
         return _topics(arguments)
-    entries = list(catalog.recordings(arguments.path))
+    entries = list(catalog.recordings(arguments.path, recover=arguments.recover))
     if arguments.json:
         output.print_json([_facts(entry) for entry in entries])
     elif not entries:
@@ -41,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _topics(arguments: argparse.Namespace) -> int:
-    with Recording(arguments.path) as recording:
+    with Recording(arguments.path, recover=arguments.recover) as recording:
         infos = list(recording.topics.values())
     if arguments.json:
         output.print_json([topic(info) for info in infos])

@@ -23,7 +23,18 @@ def add_path(parser: argparse.ArgumentParser) -> None:
         type=_run,
         help="of several runs, read one: its number (0, or -1 for the last) or its id",
     )
+    add_no_recover(parser)
     parser.add_argument("--skip-damage", action="store_true", help="leave out what cannot be read, and exit with 3")
+
+
+def add_no_recover(parser: argparse.ArgumentParser) -> None:
+    """Let a command write nothing into what it reads."""
+    parser.add_argument(
+        "--no-recover",
+        dest="recover",
+        action="store_false",
+        help="leave what a dead recorder left as it lies, and write nothing there",
+    )
 
 
 def _run(text: str) -> str | int:
@@ -36,7 +47,8 @@ def _run(text: str) -> str | int:
 def opened(arguments: argparse.Namespace) -> Iterator[Recording]:
     """Give the recording that was asked for."""
     on_damage = "skip" if arguments.skip_damage else "raise"
-    with Recording(arguments.path, run=arguments.chosen_run, on_damage=on_damage) as recording:
+    recover: bool = arguments.recover
+    with Recording(arguments.path, run=arguments.chosen_run, recover=recover, on_damage=on_damage) as recording:
         yield recording
 
 
