@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, overload
 
+from .capture.stats import Stats
 from .errors import StateError, UsageError
 from .file_names import EXPERIMENT_ROOT as DEFAULT_ROOT
 from .options import RecorderOptions, arguments_of, misplaced
@@ -210,7 +211,7 @@ class Experiment:
         """Write everything taken so far to the file before returning."""
         self._live().tracks.flush()
 
-    def stats(self) -> dict[str, Any]:
+    def stats(self) -> Stats:
         """Return the recorder's figures: rows accepted, written, waiting and dropped, and more."""
         return self._live().recorder.stats()
 

@@ -22,6 +22,9 @@ from .capture.journal_files import JournalFiles
 from .capture.prepare_block import BlockPreparer
 from .capture.segment_names import STAMP, stamp_after
 from .capture.segment_sink import SegmentSink
+from .capture.sink import SessionInfo, Sink
+from .capture.sink_threads import SinkThreads
+from .capture.stats import Stats
 from .capture.writer import Writer
 from .errors import FieldError, PrefixError, StorageError, TopicError, UsageError
 from .file_names import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
@@ -57,6 +60,7 @@ class Recorder:
         prefix: str | None = None,
         metadata: Mapping[str, str] | None = None,
         timestamps: Literal["strict", "auto"] = "strict",
+        sinks: Iterable[Sink] = (),
         **unknown: NoReturn,
     ) -> None:
         """Open a recording's folder, making it if need be, and fold in what a crashed recorder left there.
@@ -67,6 +71,7 @@ class Recorder:
             prefix: What the files name as the recording's prefix; the folder's name by default.
             metadata: More entries for the `ml_dash` metadata record of each segment.
             timestamps: "strict": every row has its `_ts`. "auto": a missing one is the wall clock, -1 the last used.
+            sinks: What takes the rows besides the file, while they are recorded; see `Sink`.
 
         Raises:
             StorageError: The folder cannot be made or written, or there is no room for the backlog.
@@ -96,18 +101,24 @@ class Recorder:
         about = self._about(prefix, metadata or {})
         self._journal = Journal(JournalFiles(self.path, self.session, self.options, about), self.options)
         try:
-            self._start(about)
+            self._start(SessionInfo(self.path, about), sinks)
         except BaseException:
             self._journal.remove()
             raise
         self._finalizer = weakref.finalize(self, _close, self._journal, self._writer, os.getpid())
 
-    def _start(self, about: Mapping[str, str]) -> None:
+    def _start(self, session: SessionInfo, sinks: Iterable[Sink]) -> None:
         """Set the writer to work."""
         self._stamper.journal = self._journal
-        self._preparer = BlockPreparer(self.path, about, self._channels)
-        self._segments = SegmentSink(self.path, self.options, about, self._channels, self._preparer.fallbacks)
-        self._writer = Writer(self._journal, self._preparer, self._segments)
+        self._preparer = BlockPreparer(self.path, session.about, self._channels)
+        self._segments = SegmentSink(self.options, self._preparer.fallbacks, self._journal.room.dropped)
+        self._segments.open(session)
+        self._sinks = SinkThreads(sinks, session, self.options.backlog_bytes)
+        try:
+            self._writer = Writer(self._journal, self._preparer, self._segments, self._sinks)
+        except BaseException:
+            self._sinks.close()
+            raise
         self._journal.room.failure = _weak_failure(self._writer)
         if not self.options.buffered:
             self._journal.eager = self._writer.flush
@@ -249,18 +260,8 @@ class Recorder:
         self._journal.check_open()
         self._writer.flush()
 
-    def stats(self) -> dict[str, Any]:
-        """Return the recorder's figures; accepted = written + waiting + dropped at any moment.
-
-        Returns:
-            `accepted` (rows offered), `written` (rows in the file, as they were appended), `waiting` (rows in the
-            journal), `dropped` (rows refused), `dropped_by_topic`, `merged` (those of the written ones that became part
-            of another row of the same topic and time; the file has written - merged), `steps_back` (how often the time
-            of a row in the file lay more than 50 ms before that of the row appended to the topic before it),
-            `steps_back_by_topic`, `bytes_written`, `segments` (finished ones), `failure` (why nothing can be written at
-            the moment, or None), `fallbacks` (how often the writer had to take a slower way, by what failed; empty if
-            all is well).
-        """
+    def stats(self) -> Stats:
+        """Return the recorder's figures; accepted = written + waiting + dropped at any moment."""
         written = self._writer.rows_written  # first: it grows only by rows that were taken
         with self._journal.lock:
             taken, dropped = self._journal.rows(), dict(self._journal.room.dropped)
@@ -269,20 +270,21 @@ class Recorder:
         steps = {
             self._channels[number].topic: counts.steps for number, counts in list(self._preparer.steps.totals.items())
         }
-        return {
-            "accepted": taken + refused,
-            "written": written,
-            "waiting": taken - written,
-            "dropped": refused,
-            "dropped_by_topic": dropped,
-            "merged": self._segments.rows_merged,
-            "steps_back": sum(steps.values()),
-            "steps_back_by_topic": steps,
-            "bytes_written": self._segments.bytes_written,
-            "segments": [str(path) for path in self._segments.finished],
-            "failure": None if failure is None else str(failure),
-            "fallbacks": dict(self._preparer.fallbacks.counts),
-        }
+        return Stats(
+            accepted=taken + refused,
+            written=written,
+            waiting=taken - written,
+            dropped=refused,
+            dropped_by_topic=dropped,
+            merged=self._segments.rows_merged,
+            steps_back=sum(steps.values()),
+            steps_back_by_topic=steps,
+            bytes_written=self._segments.bytes_written,
+            segments=[str(path) for path in self._segments.finished],
+            failure=None if failure is None else str(failure),
+            fallbacks=dict(self._preparer.fallbacks.counts),
+            sinks=self._sinks.stats(),
+        )
 
     @property
     def closed(self) -> bool:

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, overload
 
+from .capture.stats import Stats
 from .errors import OptionError, StateError
 from .file_names import SESSION_ROOT as DEFAULT_ROOT
 from .options import RecorderOptions, arguments_of, misplaced
@@ -253,7 +254,7 @@ class Session:
             dest_path=dest_path,
         )
 
-    def stats(self) -> dict[str, Any]:
+    def stats(self) -> Stats:
         """Return the recorder's figures: rows accepted, written, waiting and dropped, and more."""
         return self._open_live("stats").recorder.stats()
 

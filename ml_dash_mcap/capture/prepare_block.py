@@ -10,35 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..file_names import TRACK
+from ..mcap.record_layout import PREFIX_BYTES, Fields
+from ..mcap.records import METADATA, Metadata
 from ..mcap.row_arrays import Block, Rows, pack
-from ..rows.shape import Shape
 from .channels import ChannelInfo
-from .event_clock import UNKNOWN_CLOCK, EventClock
+from .event_clock import EventClock
 from .fallbacks import Fallbacks
 from .merge_block import merge_each, merge_same_time
+from .prepared_block import PreparedBlock
 from .row_forms import Forms, RowForms, by_channel
 from .time_steps import Steps
-
-
-@dataclass(frozen=True, slots=True)
-class PreparedBlock:
-    """A block that is ready to be compressed and written."""
-
-    number: int
-    """Its number among the session's blocks with rows; without rows, that of the next block with rows."""
-    rows: Rows | None
-    metadata: tuple[bytes, ...]
-    """Its Metadata records."""
-    clock: str = UNKNOWN_CLOCK
-    """epoch, relative (starts near 0), mixed or unknown: how the tracks' time stamps look up to here."""
-    begins_segment: bool = False
-    """Whether its rows are on another clock than what is in the file already."""
-    shapes: Mapping[int, Shape] = field(default_factory=dict)
-    """The shape of the rows so far of each channel whose schema is inferred."""
-    time_steps: bytes = b""
-    """The Metadata record of where time stepped back in it; empty if it did not."""
-    merged: int = 0
-    """How many rows became part of others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +70,9 @@ class BlockPreparer:
 
     def prepare(self, block: Block) -> PreparedBlock:
         """Return what a sealed buffer holds, shaped, merged and numbered. Its sequence numbers are changed in place."""
-        metadata = tuple(block.data[start:end].tobytes() for start, end in block.extras)
+        metadata = tuple(_metadata(block, start, end) for start, end in block.extras)
         if not block.starts:
-            return PreparedBlock(self._next_block, None, metadata, self._event_clock.clock)
+            return PreparedBlock(self._next_block, None, metadata=metadata, clock=self._event_clock.clock)
         tracks = self._tracks()
         if self._begun is None or self._begun[0] is not block:
             rows, is_elsewhere = self._event_clock.follow(pack(block), tracks)
@@ -100,10 +81,12 @@ class BlockPreparer:
         _, rows, is_elsewhere = self._begun
         merged = self._merge(rows, tracks, self._forms.of_block(rows))
         ends = self._number(merged)
-        topics = {number: self._channels[number].topic for number in ends}
+        channels = {number: self._channels[number] for number in ends}
+        topics = {number: channel.topic for number, channel in channels.items()}
         prepared = PreparedBlock(
             self._next_block,
             merged,
+            channels,
             metadata,
             clock=self._event_clock.clock,
             begins_segment=is_elsewhere,
@@ -147,3 +130,7 @@ class BlockPreparer:
             ends[number] = first + len(which)
         rows.number(sequence.astype(np.uint32))
         return ends
+
+
+def _metadata(block: Block, start: int, end: int) -> Metadata:
+    return METADATA.read(Fields(block.data[start:end].tobytes(), "", start=PREFIX_BYTES))

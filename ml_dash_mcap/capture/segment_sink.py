@@ -9,23 +9,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.ma  # numpy.unique() would load it at the first block: 20 ms, beside a control loop
-
 from ..file_names import ACTIVE_SUFFIX, DROPS_RECORD, PARAMETERS_RECORD, STEPS_RECORD
 from ..mcap.chunk_writer import UNCOMPRESSED, Compressor, PackedChunk, build, compressor
-from ..mcap.record_layout import PREFIX_BYTES, Fields
-from ..mcap.records import METADATA
+from ..mcap.records import Metadata
 from ..mcap.row_arrays import Rows, split
 from ..mcap.segment import Segment
 from ..options import RecorderOptions
 from ..rows import schema as schemas
 from ..rows.shape import NOTHING, Shape
-from .channels import ChannelInfo
 from .event_clock import UNKNOWN_CLOCK
 from .fallbacks import Fallbacks
-from .prepare_block import PreparedBlock
+from .prepared_block import PreparedBlock
 from .segment_names import STAMP, segment_path, stamp_after
+from .sink import SessionInfo
 
 _SPARE_BYTES = 512
 """A schema has at least this much room to grow in place, and at least as much as it is long."""
@@ -36,31 +32,26 @@ fewer, the chunk's head and index and a read of their own cost more than that sa
 
 
 class SegmentSink:
-    """Writes the blocks of one session into its folder. Used by one thread at a time.
+    """The sink that writes the blocks of one session into its folder. Used by one thread at a time.
 
-    A block that could not be written changes nothing, so that it can be written again.
+    Unlike other sinks it is called by the writer thread itself, which waits for it. A block that could not be written
+    changes nothing, so that it can be written again, and so can `close`.
     """
 
+    folder: Path
+    """The run's folder."""
+
     def __init__(
-        self,
-        folder: Path,
-        options: RecorderOptions,
-        about: Mapping[str, str],
-        channels: Mapping[int, ChannelInfo],
-        fallbacks: Fallbacks,
-        next_block: int = 0,
+        self, options: RecorderOptions, fallbacks: Fallbacks, drops: Mapping[str, int], next_block: int = 0
     ) -> None:
-        """Prepare; the first segment is made with the first block.
+        """Prepare for a session.
 
         Args:
-            folder: The run's folder.
             options: The recorder's.
-            about: The constant part of the `ml_dash` metadata record; `library` is also the header's.
-            channels: The topics by number; others may add to it while this writes.
             fallbacks: Counts what fails and is done a slower way.
+            drops: Rows refused so far, by topic, to be written at the end; others may add to it meanwhile.
             next_block: Number of the first block with rows, where a recovery goes on.
         """
-        self.folder = folder
         self.finished: list[Path] = []
         self.bytes_written = 0
         self.rows_merged = 0
@@ -70,24 +61,30 @@ class SegmentSink:
         """Number of the next block with rows; recovery tells by it which blocks are in a file."""
         self._options = options
         self._own_chunk_bytes = min(_OWN_CHUNK_BYTES, options.chunk_bytes // 16)
-        self._about = dict(about)
-        self._channels = channels
+        self._about: dict[str, str] = {}
         self._fallbacks = fallbacks
         self._clock = UNKNOWN_CLOCK
         self._parameters: dict[str, str] = {}
-        self._stamp = self._about.pop(STAMP, "") or stamp_after(folder)
+        self._stamp = ""
         self._number = 0
         self._segment: Segment | None = None
         self._segment_opened = 0.0
         self._begun: PreparedBlock | None = None
         """The block that is being written, or was when a write failed."""
         self._begins_segment = False
-        self._metadata: list[bytes] = []
+        self._metadata: list[Metadata] = []
         """Those of its Metadata records that are not in the file yet."""
         self._set_aside: list[Segment] = []
         self._litter: list[Path] = []
         """Segments that could not be begun, and perhaps not be deleted either."""
+        self._drops = drops
         self._drops_written: dict[str, int] = {}
+
+    def open(self, session: SessionInfo) -> None:
+        """Begin a session; its first segment is made with the first block."""
+        self.folder = session.folder
+        self._about = dict(session.about)
+        self._stamp = self._about.pop(STAMP, "") or stamp_after(session.folder)
 
     # -- one block ---------------------------------------------------------------------------------------------------
 
@@ -112,14 +109,13 @@ class SegmentSink:
             self.rows_merged += block.merged
         self._begun = None  # the memory of a large row goes with its block
 
-    def _write_metadata(self, record: bytes) -> None:
-        metadata = METADATA.read(Fields(record, "", start=PREFIX_BYTES))
+    def _write_metadata(self, metadata: Metadata) -> None:
         self._ensure_segment().add_metadata(metadata.name, metadata.values)
         if metadata.name == PARAMETERS_RECORD:
             self._parameters.update(metadata.values)
 
     def _write_rows(self, block: PreparedBlock, rows: Rows) -> None:
-        segment = self._ensure_channels(rows, block.shapes)
+        segment = self._ensure_channels(block)
         chunks = [self._build(part) for part in split(rows, self._own_chunk_bytes)]
         before = segment.size
         segment.add_block(chunks, block.number, STEPS_RECORD, block.time_steps)
@@ -137,26 +133,23 @@ class SegmentSink:
 
     # -- channels and schemas ----------------------------------------------------------------------------------------
 
-    def _ensure_channels(self, rows: Rows, shapes: Mapping[int, Shape]) -> Segment:
+    def _ensure_channels(self, block: PreparedBlock) -> Segment:
         """Return a segment that has a channel and a wide enough schema for each row, a new one if need be."""
-        numbers = np.unique(rows.channels).tolist()
         segment = self._ensure_segment()
-        grown = {number: self._schema_record(number, shapes, segment.schema_space(number)) for number in numbers}
+        grown = {number: self._schema_record(block, number, segment.schema_space(number)) for number in block.channels}
         if any(space < len(record) for number, record in grown.items() if (space := segment.schema_space(number))):
             self.finish_segment()
             segment = self._ensure_segment()
-        for number in numbers:
+        for number, info in block.channels.items():
             if segment.schema_space(number):
                 segment.rewrite_schema(number, grown[number])
             else:
-                record = self._schema_record(number, shapes, 0)
-                segment.add_topic(number, record, self._channels[number].channel_record())
+                segment.add_topic(number, self._schema_record(block, number, 0), info.channel_record())
         return segment
 
-    def _schema_record(self, number: int, shapes: Mapping[int, Shape], space: int) -> bytes:
+    def _schema_record(self, block: PreparedBlock, number: int, space: int) -> bytes:
         """Return a topic's Schema record: exactly `space` bytes if it fits, with room to grow if there is none yet."""
-        info = self._channels[number]
-        shape = shapes.get(number)
+        info, shape = block.channels[number], block.shapes.get(number)
         schema = self._schema(shape, info.topic) if shape is not None else None
         record = info.schema_record(schema)
         if not space:
@@ -228,18 +221,14 @@ class SegmentSink:
             self._segment = None
             self.finished.append(path)
 
-    def finish(self, drops: Mapping[str, int]) -> None:
-        """Finish everything, making sure that there is at least one segment.
-
-        Args:
-            drops: Rows refused, by topic, to be written into the file.
-        """
-        if drops != self._drops_written or not (self.finished or self._segment):
-            counts = {topic: str(count) for topic, count in drops.items()}
+    def close(self) -> None:
+        """Finish everything, making sure that there is at least one segment."""
+        if self._drops != self._drops_written or not (self.finished or self._segment):
+            drops = dict(self._drops)
             segment = self._ensure_segment()
-            if counts:
-                segment.add_metadata(DROPS_RECORD, counts)
-            self._drops_written = dict(drops)
+            if drops:
+                segment.add_metadata(DROPS_RECORD, {topic: str(count) for topic, count in drops.items()})
+            self._drops_written = drops
         self.finish_segment()
         while self._set_aside:  # what a failed sync did to them is unknown; it is not asked for again
             self.finished.append(self._set_aside[-1].finish(sync=False))

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.ma  # numpy.unique() would load it at the first block: 20 ms, beside a control loop
 import numpy.typing as npt
 
 from .. import clock

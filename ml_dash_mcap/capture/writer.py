@@ -15,6 +15,7 @@ from .buffer import Buffer
 from .journal import Journal
 from .prepare_block import BlockPreparer
 from .segment_sink import SegmentSink
+from .sink_threads import SinkThreads
 from .turn_taking import State, Turns
 
 _FIRST_RETRY_S, _LAST_RETRY_S = 0.05, 1.0
@@ -58,7 +59,7 @@ class Writer:
     `flush`, `stop` and the figures are for any thread; everything else runs on the writer thread.
     """
 
-    def __init__(self, journal: Journal, preparer: BlockPreparer, segments: SegmentSink) -> None:
+    def __init__(self, journal: Journal, preparer: BlockPreparer, segments: SegmentSink, sinks: SinkThreads) -> None:
         self.failure: BaseException | None = None
         """Why nothing can be written at the moment, if so."""
         self.rows_written = 0
@@ -66,6 +67,7 @@ class Writer:
         self._journal = journal
         self._preparer = preparer
         self._segments = segments
+        self._sinks = sinks
         self._progress = threading.Condition()
         """Guards `_requested` and `_done`, the numbers of the flushes asked for and done."""
         self._requested = 0
@@ -108,7 +110,7 @@ class Writer:
             ) from failure
 
     def stop(self) -> None:
-        """Write what is left, finish the segments and end the thread.
+        """Write what is left, finish the segments, end the thread, and close the sinks beside the file.
 
         Raises:
             StorageError: Not everything could be written; the journal stays for the next one to recover it.
@@ -117,6 +119,7 @@ class Writer:
         self._stopping.set()
         self._journal.mark(_THE_END)
         self._thread.join()
+        self._sinks.close()
         self._raise_failure()
 
     @property
@@ -131,7 +134,7 @@ class Writer:
         try:
             while self._step():
                 pass
-            self._persist(lambda: self._segments.finish(self._journal.room.dropped))
+            self._persist(self._segments.close)
         except BaseException as error:
             self.failure = error
             _log.exception("the writer of %s stopped; its rows wait in the journal", self._segments.folder)
@@ -184,6 +187,7 @@ class Writer:
         prepared = self._persist(lambda: self._preparer.prepare(block))
         self._persist(lambda: self._segments.write(prepared))
         self._preparer.steps.commit()
+        self._sinks.offer(prepared)
 
     def _sync(self) -> None:
         try:

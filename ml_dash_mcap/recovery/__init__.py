@@ -16,6 +16,7 @@ from ..capture.channels import ChannelInfo
 from ..capture.prepare_block import BlockPreparer, SessionProgress
 from ..capture.segment_names import STAMP
 from ..capture.segment_sink import SegmentSink
+from ..capture.sink import SessionInfo
 from ..errors import MissingRecordingError
 from ..file_names import SESSION_GLOB
 from ..mcap.row_arrays import Block
@@ -160,10 +161,11 @@ def _fold_in(
     by_number = {number: sequences.get(info.topic, 0) for number, info in channels.items()}
     last_by_number = {number: last_ns[info.topic] for number, info in channels.items() if info.topic in last_ns}
     preparer = BlockPreparer(folder, about, channels, SessionProgress(written, by_number, last_by_number))
-    segments = SegmentSink(folder, RecorderOptions(), about, channels, preparer.fallbacks, written)
+    segments = SegmentSink(RecorderOptions(), preparer.fallbacks, {}, written)
+    segments.open(SessionInfo(folder, about))
     for leftover in pending:
         data = np.frombuffer(bytearray(leftover.data), np.uint8)
         block = Block(data, leftover.begin, leftover.end, leftover.starts, leftover.gaps, leftover.extras)
         segments.write(preparer.prepare(block))
-    segments.finish({})
+    segments.close()
     return segments.finished

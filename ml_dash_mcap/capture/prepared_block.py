@@ -1,0 +1,88 @@
+"""What the writer thread hands to the sinks: the rows of one buffer, shaped, merged and numbered."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import orjson
+
+from ..mcap.records import Metadata
+from ..mcap.row_arrays import Rows
+from ..rows.json_text import restore
+from ..rows.shape import Shape
+from .channels import ChannelInfo
+from .event_clock import UNKNOWN_CLOCK
+
+
+class BlockMessage(NamedTuple):
+    """One row of a block."""
+
+    channel: ChannelInfo
+    """Its topic, with the kind and the metadata of that."""
+    time_ns: int
+    """Its log time, ns."""
+    sequence: int
+    """How many rows the topic has before it in this session."""
+    payload: bytes
+    """The row as it is in the file."""
+
+    def row(self) -> dict[str, Any]:
+        """Decode the row; its time stamp is the field `_ts`, in seconds."""
+        return restore(orjson.loads(self.payload))
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedBlock:
+    """A block that is ready to be compressed and written.
+
+    Its memory may be that of a journal buffer, which is used again afterwards. So it is valid only during the call that
+    it is handed to; what a sink keeps of it longer, it copies. What `messages` yields is copied already.
+    """
+
+    number: int
+    """Its number among the session's blocks with rows; without rows, that of the next block with rows."""
+    rows: Rows | None
+    """Its Message records, with the arrays `channels`, `times` (ns), `starts` and `ends` over them, each [N]; None
+    where it holds metadata only."""
+    channels: Mapping[int, ChannelInfo] = field(default_factory=dict)
+    """The topic of each channel id in it."""
+    metadata: tuple[Metadata, ...] = ()
+    """Its metadata records (`name`, `values`): parameters, what topics are described with, and the like."""
+    clock: str = UNKNOWN_CLOCK
+    """epoch, relative (starts near 0), mixed or unknown: how the tracks' time stamps look up to here."""
+    begins_segment: bool = False
+    """Whether its rows are on another clock than what is in the file already."""
+    shapes: Mapping[int, Shape] = field(default_factory=dict)
+    """By channel id, the shape of all rows so far, where the schema is inferred from that."""
+    time_steps: bytes = b""
+    """The Metadata record of where time stepped back in it; empty if it did not."""
+    merged: int = 0
+    """How many rows became part of others."""
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return 0 if self.rows is None else len(self.rows)
+
+    @property
+    def size(self) -> int:
+        """How many bytes it holds, about."""
+        texts = sum(len(name) + len(value) for entry in self.metadata for name, value in entry.values.items())
+        return texts + (0 if self.rows is None else len(self.rows.data))
+
+    def messages(self) -> Iterator[BlockMessage]:
+        """Yield its rows, in the order in which they were appended."""
+        rows = self.rows
+        if rows is None:
+            return
+        heads = zip(
+            rows.channels.tolist(), rows.times.tolist(), rows.sequences(np.arange(len(rows))).tolist(), strict=True
+        )
+        for row, (number, time_ns, sequence) in enumerate(heads):
+            yield BlockMessage(self.channels[number], time_ns, sequence, rows.payload(row))
+
+    def detached(self) -> PreparedBlock:
+        """Return a copy with memory of its own."""
+        return self if self.rows is None else replace(self, rows=replace(self.rows, data=self.rows.data.copy()))
