@@ -12,7 +12,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from ..rows.table import arrow_type, is_shallow
+from ..rows.arrow_types import is_shallow, type_of
+from ..rows.shape import DICT, EMPTY_DICT, LIST, Shape, of_values
 
 Types = dict[str, pa.DataType | None]
 """Of keys; None for one whose values no type holds."""
@@ -21,8 +22,8 @@ _EMPTY_PLACE = pa.bool_()
 """Stands for null inside a list: lists of the type null come back with offsets that lead out of them."""
 
 
-def of_rows(rows: Sequence[Mapping[str, Any]], names: Sequence[str] | None = None) -> Types:
-    """Return the types of rows' keys.
+def shapes_of(rows: Sequence[Mapping[str, Any]], names: Sequence[str] | None = None) -> dict[str, Shape]:
+    """Return the shapes of the values of rows' keys.
 
     Args:
         rows: The rows.
@@ -31,7 +32,12 @@ def of_rows(rows: Sequence[Mapping[str, Any]], names: Sequence[str] | None = Non
     """
     there = dict.fromkeys(chain.from_iterable(rows))
     wanted = there if names is None else [name for name in names if name in there]
-    types = {name: _of_values([row[name] for row in rows if name in row]) for name in wanted}
+    return {name: of_values([row[name] for row in rows if name in row]) for name in wanted}
+
+
+def types_of(shapes: Mapping[str, Shape]) -> Types:
+    """Return the types that hold values of some shapes."""
+    types = {name: _type_of(values) for name, values in shapes.items()}
     return {name: type_ if type_ is None or _is_shallow(type_) else None for name, type_ in types.items()}
 
 
@@ -42,47 +48,34 @@ def _is_shallow(type_: pa.DataType) -> bool:
     return is_shallow(type_)
 
 
-def _of_values(values: list[Any], *, in_list: bool = False) -> pa.DataType | None:
-    kinds = set(map(type, values)) - {type(None)}
-    if kinds == {dict}:
-        return _of_dicts([value for value in values if value is not None], in_list=in_list)
-    if kinds == {list}:
-        inner = _of_values(list(chain.from_iterable(filter(None, values))), in_list=True)
+def _type_of(values: Shape, *, is_in_list: bool = False) -> pa.DataType | None:
+    """Return the type in which pyarrow reads values; outside of lists, dicts may lack keys."""
+    kinds = values.value_kinds
+    if kinds == DICT:
+        return None if values.kinds & EMPTY_DICT else _type_of_dicts(values, is_in_list=is_in_list)
+    if kinds == LIST and values.items is not None:
+        inner = _type_of(values.items, is_in_list=True)
         return None if inner is None else pa.list_(inner)
-    return arrow_type(values)
+    return type_of(values)
 
 
-def _of_dicts(dicts: list[dict[str, Any]], *, in_list: bool) -> pa.DataType | None:
-    """Return the type of dicts; None where one is empty, or lacks a key inside a list, which would look like a None."""
-    if not all(dicts) or (in_list and any(one.keys() != dicts[0].keys() for one in dicts)):
+def _type_of_dicts(dicts: Shape, *, is_in_list: bool) -> pa.DataType | None:
+    """Return the type of dicts; None where one lacks a key inside a list, which would look like a None."""
+    if is_in_list and dicts.optional:
         return None
-    names = dict.fromkeys(chain.from_iterable(dicts))
-    types = {name: _of_values([one[name] for one in dicts if name in one], in_list=in_list) for name in names}
+    types = {name: _type_of(values, is_in_list=is_in_list) for name, values in dicts.fields.items()}
     return None if None in types.values() else pa.struct(list(types.items()))
 
 
-def widened(known: pa.DataType | None, own: pa.DataType | None, *, in_list: bool = False) -> pa.DataType | None:
-    """Return the type in which to read on, after some lines whose own type is another one than that of those before.
+def widened(before: Shape | None, latest: Shape) -> Shape:
+    """Return the shape in whose types to read on, after lines that the types of those before did not hold.
 
     Args:
-        known: The type so far; None if there is none.
-        own: The type of the latest lines.
-        in_list: Whether these are elements of a list.
+        before: Of those before; None if there are none.
+        latest: Of the latest lines, which alone count where no type holds the values of both.
     """
-    if known is None or own is None or known == own or pa.types.is_null(known):
-        return own
-    if pa.types.is_null(own) or {known, own} == {pa.int64(), pa.float64()}:
-        return known if pa.types.is_null(own) else pa.float64()
-    if pa.types.is_list(known) and pa.types.is_list(own):
-        return pa.list_(widened(known.value_type, own.value_type, in_list=True))
-    if pa.types.is_struct(known) and pa.types.is_struct(own):
-        before, now = _fields(known), _fields(own)
-        kept = {name: type_ for name, type_ in before.items() if not in_list or name in now}
-        merged = [
-            (name, widened(kept.get(name), now.get(name, kept.get(name)), in_list=in_list)) for name in {**kept, **now}
-        ]
-        return pa.struct(merged)
-    return own
+    both = latest if before is None else before | latest
+    return latest if None in types_of({"": both}).values() else both
 
 
 def readable(type_: pa.DataType, *, in_list: bool = False) -> pa.DataType:
@@ -97,7 +90,7 @@ def readable(type_: pa.DataType, *, in_list: bool = False) -> pa.DataType:
 
 
 def has(type_: pa.DataType, is_it: Callable[[pa.DataType], bool]) -> bool:
-    """Whether a type, or one inside it, is such a one."""
+    """Whether a type, or one inside it, is of some kind."""
     return bool(is_it(type_)) or any(has(type_.field(at).type, is_it) for at in range(type_.num_fields))
 
 

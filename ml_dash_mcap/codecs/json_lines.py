@@ -21,6 +21,7 @@ import pyarrow.json as pj
 
 from ..rows.dotted import FIELD_PREFIX
 from ..rows.encode import EXACT_KEY, TIME_KEY
+from ..rows.shape import Shape
 from . import json_depth, json_line_types
 from .json_line_columns import flatten
 from .json_line_types import Types
@@ -106,7 +107,9 @@ class LineReader:
         self._places = [] if columns is None else [_top_level_names(column) for column in columns]
         """For each column, the keys of a row that it may lie under."""
         self._wanted = None if columns is None else list(dict.fromkeys(chain([TIME_KEY], *self._places)))
+        self._shapes: dict[str, Shape] = {}
         self._known: Types = {}
+        """The shapes of the values of the lines so far by key, and the types of these."""
 
     def read(self, lines: Lines) -> dict[str, pa.Array] | None:
         """Return the columns of rows, by dotted name, or None if only Python objects can hold them without loss.
@@ -154,12 +157,11 @@ class LineReader:
 
     def _learn(self, rows: Sequence[Mapping[str, Any]]) -> Types:
         """Return the types of rows, and remember for the next lines what holds theirs and those of the lines before."""
-        own = json_line_types.of_rows(rows, self._wanted)
-        self._known = {
-            **self._known,
-            **{name: json_line_types.widened(self._known.get(name), own[name]) for name in own},
-        }
-        return own
+        shapes = json_line_types.shapes_of(rows, self._wanted)
+        joined = {name: json_line_types.widened(self._shapes.get(name), shapes[name]) for name in shapes}
+        self._shapes = {**self._shapes, **joined}
+        self._known = json_line_types.types_of(self._shapes)
+        return json_line_types.types_of(shapes)
 
     def _is_ambiguous(self, types: Mapping[str, pa.DataType]) -> bool:
         """Whether a column may be a key with dots in one row and lie in dicts in another, or in the same."""

@@ -1,14 +1,23 @@
-"""What kind of values a field has."""
+"""A field's type at a glance: one word and the lengths of its lists."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from ..rows import packed
+from ..rows import shape
+from ..rows.shape import Shape, of_lists, scalar
 
-_TYPES = {bool: "boolean", int: "integer", float: "number", str: "string", bytes: "bytes", dict: "object"}
+_ANY = "any"
+
+_NAMES = {
+    shape.BOOLEAN: "boolean",
+    shape.INTEGER: "integer",
+    shape.FLOAT64: "number",
+    shape.TEXT: "string",
+    shape.BYTES: "bytes",
+    shape.DICT: "object",
+}
+_KINDS = {name: kind for kind, name in _NAMES.items() if name != "object"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,41 +37,33 @@ class Field:
     def __repr__(self) -> str:
         return str(self)
 
-
-def of_schema(schema: Mapping[str, Any]) -> Field:
-    """Return what a JSON Schema says of a field."""
-    type_ = schema.get("type")
-    if type_ == "array":
-        items = schema.get("items")
-        inner = of_schema(items) if isinstance(items, dict) else Field("any")
-        shortest, longest = schema.get("minItems"), schema.get("maxItems")
-        length = shortest if isinstance(shortest, int) and shortest == longest else None
-        return Field(inner.type, (length, *inner.shape))
-    if type_ == "string" and schema.get("contentEncoding") == "base64":
-        return _of_packed(schema) or Field("bytes")
-    return Field(type_ if isinstance(type_, str) else "any")
+    def least_shape(self) -> Shape | None:
+        """Return the least shape of values of this type, with all lengths; None where they are not known."""
+        if self.type not in _KINDS or not all(self.shape):
+            return None
+        values = scalar(_KINDS[self.type])
+        for length in reversed(self.shape):
+            values = of_lists(values, length or 0, length or 0)
+        return values
 
 
-def _of_packed(schema: Mapping[str, Any]) -> Field | None:
-    """Return what a schema says of arrays of numpy; None if it is of bytes."""
-    said = schema.get("description")
-    if said == "array":
-        return Field("array")
-    found = packed.parse(said) if isinstance(said, str) else None
-    return None if found is None else Field(*found)
+def of_shape(values: Shape) -> Field:
+    """Return the type of a field that has some values."""
+    array = values.array
+    if array is not None and values.value_kinds == shape.ARRAY:
+        return Field("array") if array.dtype is None or array.lengths is None else Field(array.dtype, array.lengths)
+    if values.kinds == shape.LIST and values.items is not None:
+        elements = of_shape(values.items)
+        return Field(elements.type, (values.shortest if values.shortest == values.longest else None, *elements.shape))
+    return Field(_type(values))
 
 
-def of_value(value: Any) -> Field:
-    """Return what one value of a field shows."""
-    if hasattr(value, "dtype"):
-        return Field(value.dtype.name, value.shape)
-    if not isinstance(value, list):
-        return Field(_TYPES.get(type(value), "any"))
-    kinds = set(map(type, value))  # a map has millions of elements of one type
-    inner = {Field(_TYPES.get(kind, "any")) for kind in kinds - {list}}
-    inner |= {of_value(element) for element in value if type(element) is list} if list in kinds else set()
-    types, shapes = {one.type for one in inner}, {one.shape for one in inner}
-    type_ = types.pop() if len(types) == 1 else "number" if types == {"integer", "number"} else "any"
-    if len(shapes) == 1:
-        return Field(type_, (len(value), *shapes.pop()))
-    return Field(type_, (len(value), None) if shapes and () not in shapes else (len(value),))
+def _type(values: Shape) -> str:
+    """Return the one type of values of several kinds; that of lists beside others is that of their elements."""
+    names = {name for kind, name in _NAMES.items() if values.kinds & kind}
+    if values.items is not None:
+        names.add(of_shape(values.items).type)
+    has_others = values.kinds & (shape.NULL | shape.OPAQUE | shape.ARRAY)
+    if has_others or not names or (len(names) > 1 and names != {"integer", "number"}):
+        return _ANY
+    return "number" if len(names) > 1 else names.pop()

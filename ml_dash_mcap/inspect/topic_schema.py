@@ -10,7 +10,7 @@ import orjson
 from ..codecs import json_depth
 from ..mcap.records import Channel
 from ..query.file import File
-from ..rows import packed
+from ..rows import schema
 from ..rows.encode import TIME_KEY
 from . import field_shapes
 from .field_shapes import Field
@@ -34,13 +34,13 @@ def read(channels: Iterable[tuple[File, Channel]]) -> dict[str, Any]:
     return merged
 
 
-def fields(schema: Mapping[str, Any]) -> dict[str, Field]:
+def fields(described: Mapping[str, Any]) -> dict[str, Field]:
     """Return the fields of a JSON Schema by dotted name, without the time stamp."""
-    return {name: field for name, field in _walk_fields(schema, "") if name != TIME_KEY}
+    return {name: field for name, field in _walk_fields(described, "") if name != TIME_KEY}
 
 
-def _walk_fields(schema: Mapping[str, Any], parent: str) -> Iterable[tuple[str, Field]]:
-    properties = schema.get("properties")
+def _walk_fields(described: Mapping[str, Any], parent: str) -> Iterable[tuple[str, Field]]:
+    properties = described.get("properties")
     for name, inner in properties.items() if isinstance(properties, dict) else ():
         if not isinstance(inner, dict):
             continue
@@ -48,35 +48,31 @@ def _walk_fields(schema: Mapping[str, Any], parent: str) -> Iterable[tuple[str, 
         if inner.get("type") == "object" and inner.get("properties"):
             yield from _walk_fields(inner, dotted + ".")
         else:
-            yield dotted, field_shapes.of_schema(inner)
+            yield dotted, field_shapes.of_shape(schema.of_json(inner))
+
+
+_PARTS = ("properties", "items")
 
 
 def _merge_schemas(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
-    """Cover what two segments' schemas cover: all their fields, `number` where one has integers."""
+    """Return a schema for what two segments' schemas describe; others' keywords are those of the second one."""
     merged = {**first, **second}
-    if (first.get("type"), second.get("type")) in (("integer", "number"), ("number", "integer")):
-        merged["type"] = "number"
-    descriptions = first.get("description"), second.get("description")
-    if descriptions[0] != descriptions[1] and "contentEncoding" in merged:
-        merged["description"] = _common(*descriptions)
-    ours, theirs = first.get("properties"), second.get("properties")
-    if isinstance(ours, dict) and isinstance(theirs, dict):
-        merged["properties"] = {name: _either(ours.get(name), theirs.get(name)) for name in {**ours, **theirs}}
+    both = schema.of_json(_without_parts(first)) | schema.of_json(_without_parts(second))
+    words = schema.words_of(both)
+    merged.update(words)
+    if "contentEncoding" in words and "description" not in words and both.array is not None:
+        del merged["description"]  # bytes beside arrays
+    properties = first.get("properties"), second.get("properties")
+    if isinstance(properties[0], dict) and isinstance(properties[1], dict):
+        names = {**properties[0], **properties[1]}
+        merged["properties"] = {name: _either(properties[0].get(name), properties[1].get(name)) for name in names}
     if isinstance(first.get("items"), dict) and isinstance(second.get("items"), dict):
         merged["items"] = _merge_schemas(first["items"], second["items"])
-    for key, choose in (("minItems", min), ("maxItems", max)):
-        if isinstance(first.get(key), int) and isinstance(second.get(key), int):
-            merged[key] = choose(first[key], second[key])
     return merged
 
 
-def _common(first: Any, second: Any) -> str:
-    """Return what describes two segments' arrays; bytes where one has such."""
-    if not isinstance(first, str) or not isinstance(second, str):
-        return ""
-    if packed.parse(first) is None or packed.parse(second) is None:
-        return "array"
-    return packed.common(first, second) or "array"
+def _without_parts(described: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in described.items() if key not in _PARTS}
 
 
 def _either(first: Any, second: Any) -> Any:

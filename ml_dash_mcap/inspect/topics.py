@@ -14,6 +14,7 @@ from ..query import counts
 from ..query.stored_topic import StoredTopic
 from ..rows.dotted import flatten
 from ..rows.encode import TIME_KEY
+from ..rows.shape import of_value
 from . import field_shapes, topic_schema
 from .field_shapes import Field
 
@@ -115,7 +116,7 @@ def _fields(topic: StoredTopic, schema: Mapping[str, Any], first_row: Mapping[st
     for name, value in flatten(first_row, TIME_KEY).items():
         if name != TIME_KEY and value is not None:
             differs = is_inferred and not _is_nested(value)  # from row to row, if the schema leaves it out
-            fields.setdefault(name, Field("any") if differs else field_shapes.of_value(value))
+            fields.setdefault(name, Field("any") if differs else field_shapes.of_shape(of_value(value)))
     return fields
 
 

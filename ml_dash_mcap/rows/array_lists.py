@@ -11,9 +11,6 @@ import pyarrow as pa
 
 from . import zero_copy
 
-_NARROW_INTEGERS = (pa.int8(), pa.int16(), pa.int32(), pa.uint8(), pa.uint16(), pa.uint32())
-_NARROW_FRACTIONS = (pa.float16(), pa.float32())
-
 
 def has_arrays(values: Sequence[Any]) -> bool:
     """Whether there is an array among some values."""
@@ -50,16 +47,6 @@ def of(values: Sequence[Any]) -> pa.Array | None:
 def lists(values: Sequence[Any]) -> list[Any]:
     """Return values with lists in the place of arrays."""
     return [value.tolist() if isinstance(value, np.ndarray) else value for value in values]
-
-
-def wider(first: pa.DataType, second: pa.DataType) -> pa.DataType | None:
-    """Return the type that holds the numbers of arrays and those of lists beside them; None for other types."""
-    for narrow, wide in ((first, second), (second, first)):
-        if wide == pa.int64() and narrow in _NARROW_INTEGERS:
-            return wide
-        if wide == pa.float64() and narrow in _NARROW_FRACTIONS:
-            return wide
-    return None
 
 
 def _elements(present: Sequence[Any], dtype: np.dtype[Any]) -> pa.Array:

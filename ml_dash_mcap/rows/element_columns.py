@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from . import kinds
+from .arrow_columns import ENCODING_KEY, Column, shape_of, whole
 from .dotted import free_names
-from .table import ENCODING_KEY, Column
+from .shape import DICT, LIST, OPAQUE, Shape
 
 MOST_COLUMNS = 1000
 """A list that would take more columns stays one."""
@@ -23,29 +23,20 @@ Lengths = tuple[int, ...]
 ONE_COLUMN: Lengths = ()
 
 
-def lengths_of(column: Column) -> Lengths | None:
+def lengths_of(values: Shape) -> Lengths | None:
     """Return how long the lists of some values are; None if there are no values, or only lists without elements."""
-    array, lengths = kinds.whole(column.array), []
-    while pa.types.is_list(array.type) or pa.types.is_fixed_size_list(array.type):
-        lengths.append(pc.max(pc.list_value_length(array)).as_py() or 0)
-        array = array.flatten()
-    if not all(lengths) or (pa.types.is_null(array.type) and not lengths):
+    lengths: list[int] = []
+    while values.value_kinds == LIST and values.items is not None:
+        lengths.append(values.longest)
+        values = values.items
+    if not all(lengths) or not (values.value_kinds or lengths):
         return None
-    return ONE_COLUMN if column.is_text or pa.types.is_struct(array.type) else limited(tuple(lengths))
+    return ONE_COLUMN if values.value_kinds & (OPAQUE | DICT | LIST) else limited(tuple(lengths))
 
 
 def limited(lengths: Lengths) -> Lengths:
     """Return lengths, or those of one column where they would take too many."""
     return lengths if 0 < math.prod(lengths) <= MOST_COLUMNS else ONE_COLUMN
-
-
-def longest(first: Lengths | None, second: Lengths | None) -> Lengths | None:
-    """Return the lengths that have room for the values of both."""
-    if first is None or second is None:
-        return first if second is None else second
-    if len(first) != len(second):
-        return ONE_COLUMN
-    return limited(tuple(map(max, first, second)))
 
 
 def names(field: str, lengths: Lengths) -> Iterator[str]:
@@ -63,7 +54,7 @@ def elements(array: pa.Array, place: int) -> pa.Array:
 
 def columns(column: Column, lengths: Lengths) -> Iterator[pa.Array]:
     """Yield the columns that lists of such lengths become."""
-    array = kinds.whole(column.array)
+    array = whole(column.array)
     if not lengths:
         yield array
         return
@@ -81,8 +72,8 @@ def of_table(table: pa.Table) -> pa.Table:
     fields: list[pa.Field] = []
     arrays: list[pa.Array] = []
     for field, array in zip(table.schema, table.columns, strict=True):
-        column = Column(kinds.whole(array), is_text=ENCODING_KEY in (field.metadata or {}))
-        lengths = lengths_of(column) or ONE_COLUMN
+        column = Column(whole(array), is_text=ENCODING_KEY in (field.metadata or {}))
+        lengths = lengths_of(shape_of(column)) or ONE_COLUMN
         names_of += names(field.name, lengths)
         parts = list(columns(column, lengths))
         fields += [field if not lengths else pa.field("", part.type) for part in parts]

@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from . import packed
-from .table import ENCODING_KEY, Column, values_of
+from .arrow_columns import Column, is_json, values_of, whole
 
 _MOST_LISTS = 31
 """Lists in lists that an array has room for, as dimensions behind the one of the rows: numpy 1 has 32."""
@@ -30,11 +30,6 @@ def from_table(table: pa.Table) -> dict[str, npt.NDArray[Any]]:
     }
 
 
-def is_json(field: pa.Field) -> bool:
-    """Whether a column holds JSON text in place of its values, see `table.ENCODING_KEY`."""
-    return bool((field.metadata or {}).get(ENCODING_KEY) == b"json")
-
-
 def _said(column: pa.ChunkedArray) -> npt.NDArray[Any]:
     return _of_objects(values_of(Column(column, is_text=True)))
 
@@ -44,15 +39,6 @@ def doubles(array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     if not isinstance(array, np.ma.MaskedArray):
         return array.astype(np.float64)
     return np.where(np.ma.getmaskarray(array), np.nan, np.ma.getdata(array).astype(np.float64))
-
-
-def whole(column: pa.ChunkedArray | pa.Array) -> pa.Array:
-    """Return a column as one array."""
-    if isinstance(column, pa.Array):
-        return column
-    if column.num_chunks == 1:
-        return column.chunk(0)
-    return pa.concat_arrays(column.chunks) if column.num_chunks else pa.array([], column.type)
 
 
 def _array(array: pa.Array) -> npt.NDArray[Any]:

@@ -82,17 +82,25 @@ def to_json(rows: Shape, title: str) -> dict[str, Any]:
 
 def _of_field(values: Shape, budget: list[int]) -> dict[str, Any] | None:
     """Return the schema of one field, or None where the subset has no words for it."""
-    kinds = values.value_kinds
-    if kinds in (shape.BYTES, shape.ARRAY, shape.BYTES | shape.ARRAY) and budget[0] > 0:
-        budget[0] -= 1
-        return dict(_BASE64) if kinds & shape.BYTES else {**_BASE64, "description": _description(values.array)}
-    type_ = _TYPES.get(kinds)
-    if type_ is None or budget[0] <= 0:
+    words = words_of(values)
+    if not words or budget[0] <= 0:
         return None
     budget[0] -= 1
-    if kinds == shape.LIST:
-        return _array(values, budget)
-    return {"type": type_, **(_object(values, budget) if kinds == shape.DICT else {})}
+    if words["type"] == "array":
+        return _array(values, words, budget)
+    return {**words, **_object(values, budget)} if words["type"] == "object" else words
+
+
+def words_of(values: Shape) -> dict[str, Any]:
+    """Return what a schema tells of values, but for what they contain; nothing where the subset has no words for it."""
+    kinds = values.value_kinds
+    if kinds == shape.ARRAY:
+        return {**_BASE64, "description": _description(values.array)}
+    if kinds & shape.BYTES and not kinds & ~(shape.BYTES | shape.ARRAY):
+        return dict(_BASE64)
+    if kinds == shape.LIST and values.longest < shape.UNBOUNDED:
+        return {"type": "array", "minItems": values.shortest, "maxItems": values.longest}
+    return {"type": _TYPES[kinds]} if kinds in _TYPES else {}
 
 
 def _object(dicts: Shape, budget: list[int]) -> dict[str, Any]:
@@ -100,13 +108,11 @@ def _object(dicts: Shape, budget: list[int]) -> dict[str, Any]:
     return {"properties": {name: schema for name, schema in schemas.items() if schema is not None}}
 
 
-def _array(lists: Shape, budget: list[int]) -> dict[str, Any] | None:
+def _array(lists: Shape, words: dict[str, Any], budget: list[int]) -> dict[str, Any] | None:
     if lists.items is None or lists.items.kinds & (shape.LIST | shape.BYTES | shape.ARRAY):
         return None
     items = _of_field(lists.items, budget)
-    if items is None:
-        return None
-    return {"type": "array", "items": items, "minItems": lists.shortest, "maxItems": lists.longest}
+    return None if items is None else {"type": words.pop("type"), "items": items, **words}
 
 
 def _description(array: ArrayType | None) -> str:

@@ -32,11 +32,10 @@ whether some dicts have no keys."""
 OPAQUE = 1 << 16
 """Some values may be of any type: those that were not looked into, and those that are spelled as JSON text."""
 
-INT8, INT16, INT32, UINT8, UINT16, UINT32, FLOAT16, FLOAT32 = (1 << bit for bit in range(17, 25))
-"""Numbers that come from numpy's arrays keep their width as long as no others are beside them."""
+INT8, INT16, INT32, UINT8, UINT16, UINT32, UINT64, FLOAT16, FLOAT32 = (1 << bit for bit in range(17, 26))
+"""Numbers that come from numpy's arrays keep their type as long as no others are beside them."""
 
-NARROW_INTEGERS = INT8 | INT16 | INT32 | UINT8 | UINT16 | UINT32
-INTEGERS = INTEGER | NARROW_INTEGERS
+INTEGERS = INTEGER | INT8 | INT16 | INT32 | UINT8 | UINT16 | UINT32 | UINT64
 FLOATS = FLOAT64 | FLOAT32 | FLOAT16
 NUMBERS = INTEGERS | FLOATS
 
@@ -228,6 +227,12 @@ def of_integers(lowest: int, highest: int) -> Shape:
     return scalar(kinds)
 
 
+def of_texts(first: str, *, has_nul: bool = False, has_surrogate: bool = False) -> Shape:
+    """Return the shape of texts from the first one, and whether any is special."""
+    kinds = TEXT | (HAS_NUL if has_nul else 0) | (HAS_SURROGATE if has_surrogate else 0)
+    return Shape(kinds, first_text=first[-_TEXT_END:])
+
+
 def of_lists(items: Shape, shortest: int, longest: int) -> Shape:
     """Return the shape of lists from that of all of their elements, and from their lengths."""
     if items is _SCALARS.get(items.kinds):
@@ -272,7 +277,7 @@ def _of_one_type(type_: type, values: Sequence[Any], is_coarse: bool, is_in_list
     if type_ is int:
         return _COARSE_INTEGERS if is_coarse else of_integers(min(values), max(values))
     if type_ is str:
-        return Shape(_ANY_TEXT if is_coarse else _text_kinds(values), first_text=values[0][-_TEXT_END:])
+        return _COARSE_TEXTS if is_coarse else _of_text_values(values)
     if type_ is list:
         return scalar(OPAQUE) if is_coarse and is_in_list else _of_list_values(values, is_coarse)
     if type_ is dict:
@@ -282,10 +287,9 @@ def _of_one_type(type_: type, values: Sequence[Any], is_coarse: bool, is_in_list
     return _of_foreign(values)
 
 
-def _text_kinds(texts: Sequence[str]) -> int:
+def _of_text_values(texts: Sequence[str]) -> Shape:
     text = "".join(texts)
-    kinds = TEXT | HAS_NUL if "\0" in text else TEXT
-    return kinds if text.isascii() or not has_lone_surrogates(text) else kinds | HAS_SURROGATE
+    return of_texts(texts[0], has_nul="\0" in text, has_surrogate=has_lone_surrogates(text))
 
 
 def _of_list_values(lists: Sequence[list[Any]], is_coarse: bool) -> Shape:
@@ -339,4 +343,4 @@ _SIMPLE = {
 }
 """Types of which one shape tells all."""
 
-_COARSE_INTEGERS = scalar(_ANY_INTEGER)
+_COARSE_INTEGERS, _COARSE_TEXTS = scalar(_ANY_INTEGER), scalar(_ANY_TEXT)

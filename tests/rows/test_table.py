@@ -10,8 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ml_dash_mcap.rows.arrow_columns import ENCODING_KEY
 from ml_dash_mcap.rows.json_text import restore
-from ml_dash_mcap.rows.table import ENCODING_KEY, from_rows
+from ml_dash_mcap.rows.table import from_rows
 from tests.support.examples import examples
 
 

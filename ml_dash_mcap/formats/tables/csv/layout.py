@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import prod
 
 import pyarrow as pa
 
 from ....inspect.topics import TopicInfo
-from ....rows import element_columns, kinds
+from ....rows import element_columns
+from ....rows.arrow_columns import Column, shape_of, whole
 from ....rows.dotted import free_names
 from ....rows.element_columns import Lengths
 from ....rows.encode import TIME_KEY, encodable
-from ....rows.table import Block, Column
+from ....rows.shape import NOTHING, Shape
+from ....rows.table import Block
 from . import cells
-
-_SPREAD = {"boolean", "integer", "number", "string", "bytes"}
 
 
 class Layout:
@@ -28,18 +28,17 @@ class Layout:
             info: The topic.
             columns: Dotted names of those wanted; None for all.
         """
-        self._lengths: dict[str, Lengths | None] = {
-            name: lengths for name, lengths in _expected(info) if columns is None or _is_wanted(name, columns)
+        self._shapes: dict[str, Shape] = {
+            name: values for name, values in _expected(info) if columns is None or _is_wanted(name, columns)
         }
-        """None for a field that has had no value."""
 
     def add(self, block: Block) -> None:
         """Make room for the values of a block."""
-        self._lengths = self._widened(block)
+        self._shapes = self._widened(block)
 
     def holds(self, block: Block) -> bool:
         """Whether there is room for the values of a block."""
-        return self._widened(block) == self._lengths
+        return _lengths(self._widened(block)) == _lengths(self._shapes)
 
     def header(self) -> bytes:
         """Return the first line."""
@@ -50,30 +49,37 @@ class Layout:
 
     def cells(self, block: Block) -> list[pa.Array]:
         """Return the text of a block's rows, for each column of the header."""
-        found = [cells.of(Column(kinds.whole(block.columns[TIME_KEY].array)))]
+        found = [cells.of(Column(whole(block.columns[TIME_KEY].array)))]
         for field, lengths in self._kept().items():
             column = block.columns.get(field) or Column(pa.nulls(block.count))
-            found += _spread(Column(kinds.whole(column.array), column.is_text), lengths or ())
+            found += _spread(Column(whole(column.array), column.is_text), lengths or ())
         return found
 
-    def _widened(self, block: Block) -> dict[str, Lengths | None]:
-        widened = dict(self._lengths)
+    def _widened(self, block: Block) -> dict[str, Shape]:
+        widened = dict(self._shapes)
         for name, column in block.columns.items():
             if name != TIME_KEY:
-                widened[name] = element_columns.longest(widened.get(name), element_columns.lengths_of(column))
+                widened[name] = widened.get(name, NOTHING) | shape_of(column)
         return widened
 
     def _kept(self) -> dict[str, Lengths | None]:
-        """Return the fields without dicts that were None here and there, whose keys are there."""
-        parents = {name[:at] for name in self._lengths for at, letter in enumerate(name) if letter == "."}
-        return {name: lengths for name, lengths in self._lengths.items() if lengths is not None or name not in parents}
+        """Return the lengths of the fields without dicts that were None here and there, whose keys are there."""
+        parents = {name[:at] for name in self._shapes for at, letter in enumerate(name) if letter == "."}
+        lengths = _lengths(self._shapes)
+        return {name: lengths[name] for name in lengths if lengths[name] is not None or name not in parents}
 
 
-def _expected(info: TopicInfo) -> Iterator[tuple[str, Lengths]]:
+def _lengths(shapes: Mapping[str, Shape]) -> dict[str, Lengths | None]:
+    """Return how many cells each field takes; None for one that has had no value."""
+    return {name: element_columns.lengths_of(values) for name, values in shapes.items()}
+
+
+def _expected(info: TopicInfo) -> Iterator[tuple[str, Shape]]:
     """Yield the fields that the schema is sure of."""
-    for name, said in info.fields.items():
-        if said.type in _SPREAD and all(said.shape):
-            yield encodable(name), element_columns.limited(tuple(length or 0 for length in said.shape))
+    for name, field in info.fields.items():
+        values = field.least_shape()
+        if values is not None:
+            yield encodable(name), values
 
 
 def _is_wanted(name: str, columns: Sequence[str]) -> bool:

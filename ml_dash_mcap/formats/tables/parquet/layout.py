@@ -11,11 +11,12 @@ import pyarrow as pa
 
 from .... import clock
 from ....inspect.topics import TopicInfo
-from ....rows import kinds
+from ....rows.arrow_columns import ENCODING_KEY, Column, cast_to_file, shape_of, whole
+from ....rows.arrow_types import element_type, stored_type, type_of, vector_lengths
 from ....rows.dotted import FIELD_PREFIX, flatten, free_names
 from ....rows.encode import TIME_KEY, encodable
-from ....rows.kinds import Kind
-from ....rows.table import ENCODING_KEY, Block, Column
+from ....rows.shape import NOTHING, ONLY_NULL, Shape
+from ....rows.table import Block
 from ....rows.to_data_frames import nanoseconds
 from .. import nested_columns
 
@@ -31,14 +32,6 @@ SHAPE_KEY = b"ml_dash.shape"
 UNIT_KEY = b"ml_dash.unit"
 """Metadata of a column: its unit, if the topic's metadata has one under `units`."""
 
-_SCALARS = {
-    "boolean": pa.bool_(),
-    "integer": pa.int64(),
-    "number": pa.float64(),
-    "string": pa.string(),
-    "bytes": pa.binary(),
-}
-
 Make = Callable[[pa.Array], pa.Array]
 
 
@@ -53,7 +46,7 @@ class Layout:
             flat: Whether vectors are a column an element, and nested fields columns with dotted names.
         """
         self._flat = flat
-        self._kinds = dict(_expected(info))
+        self._shapes = dict(_expected(info))
         self._literal = {name for name in _properties(info.schema) if "." in name}
         units = info.metadata.get("units")
         self._units = flatten({**units, TIME_KEY: "s"}, TIME_KEY) if isinstance(units, Mapping) else {}
@@ -62,14 +55,15 @@ class Layout:
 
     def add(self, block: Block) -> None:
         """Widen the columns by the values of a block."""
-        self._kinds = self._widened(block)
+        self._shapes = self._widened(block)
         self._rows = True
 
     def holds(self, block: Block) -> bool:
         """Whether a block's values fit the columns."""
         widened = self._widened(block)
-        return widened.keys() == self._kinds.keys() and all(
-            kind is self._kinds[name] or _is_stored_alike(kind, self._kinds[name]) for name, kind in widened.items()
+        return widened.keys() == self._shapes.keys() and all(
+            values is self._shapes[name] or _are_stored_alike(values, self._shapes[name])
+            for name, values in widened.items()
         )
 
     def schema(self) -> pa.Schema:
@@ -83,9 +77,9 @@ class Layout:
         time_type = schema.field(1).type
 
         def make(block: Block) -> pa.Table:
-            cast = {name: kinds.cast(_values(block, name), kind) for name, kind in kept.items()}
+            cast = {name: cast_to_file(_values(block, name), values) for name, values in kept.items()}
             flat = {name: take(cast[source]) for name, (source, _, take) in columns.items()}
-            times = kinds.whole(block.columns[TIME_KEY].array)
+            times = whole(block.columns[TIME_KEY].array)
             stamps = nanoseconds(times).cast(time_type)
             return pa.Table.from_arrays(
                 [times, stamps, *nested_columns.arrays(list(schema)[2:], tree, flat)], schema=schema
@@ -93,23 +87,21 @@ class Layout:
 
         return make
 
-    def _widened(self, block: Block) -> dict[str, Kind]:
-        new = kinds.ABSENT if self._rows else kinds.NOTHING
-        widened: dict[str, Kind] = {}
-        for name in {**self._kinds, **{name: None for name in block.columns if name != TIME_KEY}}:
-            widened[name] = self._kinds.get(name, new) + kinds.of(_values(block, name))
+    def _widened(self, block: Block) -> dict[str, Shape]:
+        new = ONLY_NULL if self._rows else NOTHING
+        widened: dict[str, Shape] = {}
+        for name in {**self._shapes, **{name: None for name in block.columns if name != TIME_KEY}}:
+            widened[name] = self._shapes.get(name, new) | shape_of(_values(block, name))
         return widened
 
-    def _kept(self) -> dict[str, Kind]:
+    def _kept(self) -> dict[str, Shape]:
         """Return the columns without those of dicts that were None here and there."""
-        parents = {name[:at] for name in self._kinds for at, letter in enumerate(name) if letter == "."}
-        return {
-            name: kind for name, kind in self._kinds.items() if not (name in parents and pa.types.is_null(kind.type))
-        }
+        parents = {name[:at] for name in self._shapes for at, letter in enumerate(name) if letter == "."}
+        return {name: values for name, values in self._shapes.items() if values.value_kinds or name not in parents}
 
     def _plan(self) -> tuple[pa.Schema, nested_columns.Tree, dict[str, tuple[str, pa.Field, Make]]]:
         """Return the schema, where the columns lie in it, and of each: what it is made of, its field, and how."""
-        made = [one for source, kind in self._kept().items() for one in self._columns(source, kind)]
+        made = [one for source, values in self._kept().items() for one in self._columns(source, values)]
         names = [FIELD_PREFIX + field.name if field.name == self._time_name else field.name for _, field, _ in made]
         columns = dict(zip(free_names(names), made, strict=True))
         literal = {FIELD_PREFIX + self._time_name, *self._literal}
@@ -123,31 +115,28 @@ class Layout:
         ]
         return pa.schema([*times, *nested_columns.fields(tree, lambda name: columns[name][1])]), tree, columns
 
-    def _columns(self, name: str, kind: Kind) -> Iterator[tuple[str, pa.Field, Make]]:
+    def _columns(self, name: str, values: Shape) -> Iterator[tuple[str, pa.Field, Make]]:
         """Yield the columns that one becomes: its own name, their fields, and what makes them of its values."""
-        about = {ENCODING_KEY: b"json"} if kind.is_text else {}
+        about = {ENCODING_KEY: b"json"} if type_of(values) is None else {}
         unit = self._units.get(name)
         if unit is not None:
             about[UNIT_KEY] = (unit if isinstance(unit, str) else orjson.dumps(unit).decode()).encode()
-        if not (self._flat and kind.shape):
-            shape = {SHAPE_KEY: orjson.dumps(kind.shape)} if kind.shape else {}
-            yield name, pa.field(name, kind.stored, metadata={**about, **shape} or None), lambda array: array
+        lengths = vector_lengths(values)
+        if not (self._flat and lengths):
+            shape = {SHAPE_KEY: orjson.dumps(lengths)} if lengths else {}
+            yield name, pa.field(name, stored_type(values), metadata={**about, **shape} or None), lambda array: array
             return
-        for place, index in enumerate(np.ndindex(*kind.shape)):
+        for place, index in enumerate(np.ndindex(*lengths)):
             element = ".".join(map(str, (name, *index)))
-            yield name, pa.field(element, kind.element, metadata=about or None), _element(place, kind)
+            yield name, pa.field(element, element_type(values), metadata=about or None), _element(place, lengths)
 
 
-def _expected(info: TopicInfo) -> Iterator[tuple[str, Kind]]:
+def _expected(info: TopicInfo) -> Iterator[tuple[str, Shape]]:
     """Yield the columns that the schema is sure of."""
-    for name, said in info.fields.items():
-        type_ = _SCALARS.get(said.type)
-        is_vector = bool(said.shape) and all(said.shape) and said.type in ("integer", "number")
-        if type_ is None or (said.shape and not is_vector):
-            continue
-        for length in reversed(said.shape):
-            type_ = pa.list_(type_, length)
-        yield encodable(name), Kind(type_)
+    for name, field in info.fields.items():
+        values = field.least_shape()
+        if values is not None and (not field.shape or field.type in ("integer", "number")):
+            yield encodable(name), values
 
 
 def _properties(schema: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -155,17 +144,18 @@ def _properties(schema: Mapping[str, Any]) -> Mapping[str, Any]:
     return found if isinstance(found, Mapping) else {}
 
 
-def _is_stored_alike(first: Kind, second: Kind) -> bool:
-    return bool(first.stored == second.stored) and (first.shape, first.is_text) == (second.shape, second.is_text)
+def _are_stored_alike(first: Shape, second: Shape) -> bool:
+    alike = (stored_type(first), vector_lengths(first), type_of(first) is None)
+    return alike == (stored_type(second), vector_lengths(second), type_of(second) is None)
 
 
 def _values(block: Block, name: str) -> Column:
     return block.columns.get(name) or Column(pa.nulls(block.count))
 
 
-def _element(place: int, kind: Kind) -> Make:
+def _element(place: int, lengths: tuple[int, ...]) -> Make:
     """Return what takes one element, by its number, of each vector or matrix."""
-    size = int(np.prod(kind.shape))
+    size = int(np.prod(lengths))
 
     def take(array: pa.Array) -> pa.Array:
         if array.null_count == 0:

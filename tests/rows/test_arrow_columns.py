@@ -1,4 +1,4 @@
-"""The kind of a column covers all its blocks, whichever came first."""
+"""The type of a column holds the values of all its blocks, whichever came first."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ml_dash_mcap.rows import kinds
-from ml_dash_mcap.rows.kinds import Kind
-from ml_dash_mcap.rows.table import Column, block_of, values_of
+from ml_dash_mcap.rows.arrow_columns import Column, cast_to_file, shape_of, values_of
+from ml_dash_mcap.rows.arrow_types import of_array, stored_type, type_of, vector_lengths
+from ml_dash_mcap.rows.shape import NOTHING, Shape, of_values
+from ml_dash_mcap.rows.table import block_of
 
 NUMBERS = st.one_of(st.integers(-(2**63), 2**64 - 1), st.integers(-3, 3), st.floats(allow_nan=False))
 VALUES = st.one_of(
@@ -31,11 +32,11 @@ def column(values: list[Any]) -> Column:
     return block_of([{"x": value} for value in values]).columns["x"]
 
 
-def kind(*blocks: list[Any]) -> Kind:
-    found = kinds.NOTHING
+def covering_shape(*blocks: list[Any]) -> Shape:
+    shape = NOTHING
     for values in blocks:
-        found += kinds.of(column(values))
-    return found
+        shape |= shape_of(column(values))
+    return shape
 
 
 def canonical(value: Any) -> Any:
@@ -53,27 +54,35 @@ def flat(value: Any) -> list[Any]:
 
 @given(BLOCKS)
 def test_every_value_comes_back_from_the_type_that_covers_all_blocks(blocks: list[list[Any]]) -> None:
-    covering = kind(*blocks)
+    covering = covering_shape(*blocks)
     for values in blocks:
-        array = kinds.cast(column(values), covering)
-        assert array.type == covering.stored
-        for given_, stored in zip(values, values_of(Column(array, covering.is_text)), strict=True):
-            if covering.shape and given_ is not None:
+        array = cast_to_file(column(values), covering)
+        assert array.type == stored_type(covering)
+        for given_, stored in zip(values, values_of(Column(array, type_of(covering) is None)), strict=True):
+            if vector_lengths(covering) and given_ is not None:
                 given_ = flat(given_)
             assert repr(canonical(stored)) == repr(canonical(given_))
 
 
 @given(BLOCKS)
 def test_the_order_of_blocks_makes_no_difference(blocks: list[list[Any]]) -> None:
-    forward, backward = kind(*blocks), kind(*blocks[::-1])
-    assert (forward.stored, forward.has_nulls, forward.shape) == (backward.stored, backward.has_nulls, backward.shape)
+    forward, backward = covering_shape(*blocks), covering_shape(*blocks[::-1])
+    assert forward == backward
+    assert stored_type(forward) == stored_type(backward)
 
 
 @given(BLOCKS)
 def test_what_is_covered_already_changes_nothing(blocks: list[list[Any]]) -> None:
-    covering = kind(*blocks)
+    covering = covering_shape(*blocks)
     for values in blocks:
-        assert covering + kinds.of(column(values)) is covering
+        assert covering | shape_of(column(values)) is covering
+
+
+@given(st.lists(VALUES, min_size=1, max_size=5))
+def test_an_array_has_the_type_of_the_values_that_it_was_made_of(values: list[Any]) -> None:
+    type_ = type_of(of_values(values))
+    if type_ is not None:
+        assert type_of(of_array(pa.array(values, type_))) == type_
 
 
 @pytest.mark.parametrize(
@@ -96,7 +105,8 @@ def test_what_is_covered_already_changes_nothing(blocks: list[list[Any]]) -> Non
         ([[["a"], ["b"]]], pa.list_(pa.string()), ()),
     ],
 )
-def test_a_kind_is_stored_in_the_narrowest_type_that_every_reader_knows(
+def test_values_are_stored_in_the_narrowest_type_that_every_reader_knows(
     blocks: list[list[Any]], stored: pa.DataType, shape: tuple[int, ...]
 ) -> None:
-    assert (kind(*blocks).stored, kind(*blocks).shape) == (stored, shape)
+    covering = covering_shape(*blocks)
+    assert (stored_type(covering), vector_lengths(covering)) == (stored, shape)
