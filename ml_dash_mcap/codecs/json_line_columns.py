@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ..rows import zero_copy
-from ..rows.arrow_columns import tight
+from ..rows.typed_columns import tight
 
 _EXACT_INTEGERS = 2.0**53
 

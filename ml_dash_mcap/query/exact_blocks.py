@@ -21,9 +21,9 @@ import pyarrow.compute as pc
 from ..codecs.decode import Decoder, Row
 from ..codecs.json_lines import LineReader, joined
 from ..rows import zero_copy
-from ..rows.arrow_columns import Column
 from ..rows.encode import TIME_KEY
 from ..rows.table import Block
+from ..rows.typed_columns import Column
 from . import time_order, topic_messages
 from . import topic_rows as rows
 from .stored_topic import StoredTopic

@@ -16,10 +16,10 @@ from ..codecs.decode import Decoder, Row
 from ..codecs.json_lines import LineReader, joined
 from ..file_names import KIND_KEY, TRACK
 from ..rows import zero_copy
-from ..rows.arrow_columns import Column
 from ..rows.dotted import FIELD_PREFIX, flatten, project
 from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..rows.table import Block, block_of, join
+from ..rows.typed_columns import Column
 from ..store import read_ahead
 from . import time_order, topic_messages, topic_rows
 from .stored_topic import StoredTopic

@@ -14,10 +14,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ..errors import AlignmentError
-from . import arrow_columns, interpolate, numpy_columns
+from . import interpolate, numpy_columns, typed_columns
 from .align_methods import LINEAR, NEAREST, PREVIOUS, SLERP, Choice, Methods
-from .arrow_columns import ENCODING_KEY
 from .encode import TIME_KEY
+from .typed_columns import ENCODING_KEY
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -206,7 +206,7 @@ class _Numbers:
     @staticmethod
     def of(column: Any) -> _Numbers | None:
         """Return a column as numbers; None if it holds something else."""
-        array = arrow_columns.whole(column)
+        array = typed_columns.whole(column)
         shape, leaf = numpy_columns.shape_of(array)
         if shape is None or 0 in shape or not (pa.types.is_integer(leaf.type) or pa.types.is_floating(leaf.type)):
             return None

@@ -10,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from .arrow_columns import ENCODING_KEY, Column, shape_of, whole
 from .dotted import free_names
 from .shape import DICT, LIST, OPAQUE, Shape
+from .typed_columns import ENCODING_KEY, Column, shape_of, whole
 
 MOST_COLUMNS = 1000
 """A list that would take more columns stays one."""

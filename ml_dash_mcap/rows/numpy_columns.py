@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from . import packed
-from .arrow_columns import Column, is_json, values_of, whole
+from .typed_columns import Column, is_json, values_of, whole
 
 _MOST_LISTS = 31
 """Lists in lists that an array has room for, as dimensions behind the one of the rows: numpy 1 has 32."""

@@ -12,9 +12,9 @@ import numpy.typing as npt
 import orjson
 import pyarrow as pa
 
-from . import arrow_columns, zero_copy
-from .arrow_columns import ENCODING_KEY, Column, tight
+from . import typed_columns, zero_copy
 from .encode import TIME_KEY, encodable
+from .typed_columns import ENCODING_KEY, Column, tight
 
 Row = dict[str, Any]
 
@@ -66,7 +66,7 @@ class Block:
 def block_of(rows: list[Row]) -> Block:
     r"""Turn flat rows into columns; in names, lone surrogates are spelled `\udc00`, because UTF-8 has none."""
     return Block(
-        len(rows), {encodable(name): arrow_columns.of_python(values) for name, values in _collect(rows).items()}
+        len(rows), {encodable(name): typed_columns.of_python(values) for name, values in _collect(rows).items()}
     )
 
 
@@ -76,7 +76,7 @@ def join(blocks: Sequence[Block]) -> Block:
     columns: dict[str, Column] = {}
     for name in names:
         parts = [block.columns.get(name) or Column(pa.nulls(block.count)) for block in blocks]
-        columns[name] = parts[0] if len(parts) == 1 else arrow_columns.joined(parts)
+        columns[name] = parts[0] if len(parts) == 1 else typed_columns.joined(parts)
     parents = {name[:at] for name in names for at, letter in enumerate(name) if letter == "."}
     for name in parents & set(columns):
         if pa.types.is_null(columns[name].array.type):  # a dict that is None here and there
@@ -146,4 +146,4 @@ def _tight(array: Any) -> Any:
     if not pa.types.is_list(array.type):
         return array
     parts = [Column(tight(chunk)) for chunk in (array.chunks if isinstance(array, pa.ChunkedArray) else [array])]
-    return arrow_columns.joined(parts).array if parts else array
+    return typed_columns.joined(parts).array if parts else array

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from .. import clock
 from ..errors import OptionError, UsageError
-from . import arrow_columns, element_columns, numpy_columns
+from . import element_columns, numpy_columns, typed_columns
 from .dotted import free_names
 from .encode import TIME_KEY
 
@@ -43,7 +43,7 @@ def shaped(table: pa.Table, *, flatten: bool, time: TimeForm) -> pa.Table:
     found = element_columns.of_table(table) if flatten else table
     if time == "seconds":
         return found
-    stamps = nanoseconds(arrow_columns.whole(found.column(TIME_KEY))).cast(_ARROW_TIMES[time])
+    stamps = nanoseconds(typed_columns.whole(found.column(TIME_KEY))).cast(_ARROW_TIMES[time])
     return found.set_column(found.column_names.index(TIME_KEY), TIME_KEY, stamps)
 
 
@@ -58,13 +58,13 @@ def to_pandas(table: pa.Table) -> pd.DataFrame:
     odd: dict[str, Any] = {}
     gappy: list[str] = []
     for field, column in zip(table.schema, table.columns, strict=True):
-        if arrow_columns.is_json(field):
+        if typed_columns.is_json(field):
             odd[field.name] = numpy_columns.from_table(table.select([field.name]))[field.name]
         elif field.type in nullable:
             gappy += [field.name] * bool(column.null_count)
         elif pa.types.is_nested(field.type) and numpy_columns.is_large(column):
             odd[field.name] = numpy_columns.cells(column)
-        elif pa.types.is_nested(field.type) and _has_gaps(arrow_columns.whole(column)):
+        elif pa.types.is_nested(field.type) and _has_gaps(typed_columns.whole(column)):
             odd[field.name] = _cells(column)
     parts = [
         table.drop_columns([*odd, *gappy]).to_pandas(),

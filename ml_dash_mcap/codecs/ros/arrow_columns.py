@@ -9,8 +9,8 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from ...rows import zero_copy
-from ...rows.table import Column as ArrowColumn
-from ...rows.table import is_shallow
+from ...rows.arrow_types import is_shallow
+from ...rows.typed_columns import Column as ArrowColumn
 from .message_columns import Column, Indices, Ragged, count, pick, ranges
 from .message_types import Array, Basic, Definitions, Named, Type, numbers_in
 from .unpack import unpack

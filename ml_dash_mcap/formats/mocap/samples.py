@@ -16,9 +16,9 @@ from ...errors import ConversionError
 from ...meaning.mocap_objects import Source
 from ...query.topic_part import TopicPart
 from ...rows import numpy_columns
-from ...rows.arrow_columns import values_of
 from ...rows.encode import TIME_KEY
 from ...rows.table import to_table
+from ...rows.typed_columns import values_of
 from ..export_job import Counter
 
 if TYPE_CHECKING:

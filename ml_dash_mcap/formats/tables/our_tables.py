@@ -18,9 +18,9 @@ import pyarrow as pa
 from ...file_names import MESSAGE, TRACK
 from ...recorder import Recorder
 from ...rows import numpy_columns, packed
-from ...rows.arrow_columns import ENCODING_KEY, from_text
 from ...rows.dotted import FIELD_PREFIX
 from ...rows.encode import TIME_KEY
+from ...rows.typed_columns import ENCODING_KEY, from_text
 from ...topic import Topic
 from .parquet.layout import OTHER_CLOCK, SHAPE_KEY, UNIT_KEY, WALL_CLOCK
 

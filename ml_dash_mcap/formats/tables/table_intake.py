@@ -18,10 +18,10 @@ from ...errors import ConversionWarning, ForeignFileError
 from ...file_names import MESSAGE
 from ...meaning.ros_units import UNITS
 from ...recorder import Recorder
-from ...rows import arrow_columns, numpy_columns
-from ...rows.arrow_columns import Column, values_of
+from ...rows import numpy_columns, typed_columns
 from ...rows.dotted import FIELD_PREFIX, free_names
 from ...rows.encode import EXACT_KEY, TIME_KEY
+from ...rows.typed_columns import Column, values_of
 from ...topic import Topic
 from ..registry import Progress
 from . import arrow_values, table_times
@@ -158,7 +158,7 @@ class _Foreign(_Intake):
         self._columns = dict(zip(_field_names([file.schema.names[number] for number in kept]), kept, strict=True))
         said = _said_of_table(file, self._columns, self._time, units)
         self._topic = recorder._open(options.topic or name, MESSAGE, Topic, metadata=said)
-        self._json = {name for name, at in self._columns.items() if arrow_columns.is_json(file.schema.field(at))}
+        self._json = {name for name, at in self._columns.items() if typed_columns.is_json(file.schema.field(at))}
 
     def add(self, batch: pa.RecordBatch) -> None:
         at = batch.schema.names.index(self._time.name)

@@ -22,9 +22,9 @@ from hypothesis import strategies as st
 from ml_dash_mcap import Recorder, Recording
 from ml_dash_mcap.errors import UsageError
 from ml_dash_mcap.query import topic_columns
-from ml_dash_mcap.rows.arrow_columns import ENCODING_KEY, Column, values_of
 from ml_dash_mcap.rows.dotted import flatten
 from ml_dash_mcap.rows.json_text import exact
+from ml_dash_mcap.rows.typed_columns import ENCODING_KEY, Column, values_of
 from tests.read.test_columns import ROWS
 from tests.support.examples import examples
 from tests.support.files import save

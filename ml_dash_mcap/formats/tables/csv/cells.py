@@ -21,8 +21,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ....rows import numpy_columns
-from ....rows.arrow_columns import Column, to_text, values_of
 from ....rows.encode import encodable
+from ....rows.typed_columns import Column, to_text, values_of
 
 _FORMULA = r"^'*[=+\-@\t\r]"
 _NUMBER = r"[0-9]*\.?[0-9]+([eE][+\-]?[0-9]+)?|[0-9]+\."

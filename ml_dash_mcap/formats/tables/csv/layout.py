@@ -9,12 +9,12 @@ import pyarrow as pa
 
 from ....inspect.topics import TopicInfo
 from ....rows import element_columns
-from ....rows.arrow_columns import Column, shape_of, whole
 from ....rows.dotted import free_names
 from ....rows.element_columns import Lengths
 from ....rows.encode import TIME_KEY, encodable
 from ....rows.shape import NOTHING, Shape
 from ....rows.table import Block
+from ....rows.typed_columns import Column, shape_of, whole
 from . import cells
 
 

@@ -11,7 +11,7 @@ import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from ....rows.arrow_columns import ENCODING_KEY, to_text
+from ....rows.typed_columns import ENCODING_KEY, to_text
 
 _DIGITS = r"(0|[1-9][0-9]*)"
 _INTEGER = rf"^[+\-]?{_DIGITS}$"

@@ -11,13 +11,13 @@ import pyarrow as pa
 
 from .... import clock
 from ....inspect.topics import TopicInfo
-from ....rows.arrow_columns import ENCODING_KEY, Column, cast_to_file, shape_of, whole
 from ....rows.arrow_types import element_type, stored_type, type_of, vector_lengths
 from ....rows.dotted import FIELD_PREFIX, flatten, free_names
 from ....rows.encode import TIME_KEY, encodable
 from ....rows.shape import NOTHING, ONLY_NULL, Shape
 from ....rows.table import Block
 from ....rows.to_data_frames import nanoseconds
+from ....rows.typed_columns import ENCODING_KEY, Column, cast_to_file, shape_of, whole
 from .. import nested_columns
 
 WALL_CLOCK = "timestamp"
