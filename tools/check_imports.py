@@ -43,7 +43,7 @@ FLOORS: list[set[str]] = [
 HEAVY = {
     "pyarrow": {"rows", "codecs", "query", "formats", "selection", "topic_reader", "alignment"},
     "rosbags": {"codecs.ros.standard_types", "formats.ros.translate"},
-    "ruamel": {"formats.ros.bag_information"},
+    "ruamel": {"formats.ros.yaml_text"},
     "google": {"codecs.protobuf"},
     "mcap_protobuf": {"codecs.protobuf"},
     "ezc3d": {"formats.mocap.c3d.write"},

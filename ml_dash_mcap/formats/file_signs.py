@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from ..codecs.ros.distros import METADATA_FILE, METADATA_KEY
 from .file_start import FileStart, begins_with, both, either, first_line, named, tables
 
 VICON_SECTIONS = (
@@ -24,10 +25,6 @@ QTM_FIRST_LINE = re.compile(r'[ \t"]*(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS)"?
 
 ROS2_PACKED = (".db3", ".db3.zstd", ".mcap.zstd")
 """Endings of the files that only bags of ROS 2 have."""
-
-BAG_METADATA = "metadata.yaml"
-BAG_INFORMATION = "rosbag2_bagfile_information"
-"""The key of what `metadata.yaml` says of a bag."""
 
 motive = first_line(re.compile(r'[ \t"]*Format Version[ "]*[,;\t]'))
 trc = first_line(re.compile(r'[ \t"]*PathFileType'))
@@ -54,12 +51,12 @@ def rosbag2(start: FileStart) -> bool:
     """Whether a folder is a bag of ROS 2, or a file is one of such a bag."""
     if start.is_file:
         return start.name.endswith(ROS2_PACKED) or _is_ros2_mcap(start)
-    return _has_bag_metadata(start.path / BAG_METADATA) or any(map(_is_of_bag, start.inside))
+    return _has_bag_metadata(start.path / METADATA_FILE) or any(map(_is_of_bag, start.inside))
 
 
 def _has_bag_metadata(path: Path) -> bool:
     try:
-        return path.is_file() and BAG_INFORMATION in path.read_text(encoding="utf-8", errors="replace")
+        return path.is_file() and METADATA_KEY in path.read_text(encoding="utf-8", errors="replace")
     except OSError:
         return False
 

@@ -12,6 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
+from ..codecs.ros.distros import METADATA_FILE
 from ..errors import FormatError, UsageError
 from ..file_names import ACTIVE_SUFFIX, SEGMENT_SUFFIX
 from ..suggestions import did_you_mean
@@ -103,14 +104,14 @@ _BUILT_IN = (
     Format(
         "rosbag2",
         detect=signs.rosbag2,
-        inside=(signs.BAG_METADATA, *signs.ROS2_PACKED),
+        inside=(METADATA_FILE, *signs.ROS2_PACKED),
         carry="ros.read:carry",
         read_options="ros.bag_options:RosbagReadOptions",
         as_it_lies="ros.read:read_as_it_is",
         write="ros.write_ros2:export",
         write_options="ros.bag_options:Rosbag2WriteOptions",
-        contents=rf"{signs.BAG_METADATA}|{_BAG_FILES}|{_PACKAGE}",
-        landmark=signs.BAG_METADATA,
+        contents=rf"{METADATA_FILE}|{_BAG_FILES}|{_PACKAGE}",
+        landmark=METADATA_FILE,
     ),
     Format(
         "mocap",

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..codecs import decoding
 from ..codecs.decoding import Decoding
-from ..codecs.ros import distribution
+from ..codecs.ros import distribution, distros
 from ..codecs.ros.distros import Likely
 from ..errors import DamagedFileError
 from ..file_names import ACTIVE_SUFFIX
@@ -226,7 +226,7 @@ class File:
 
     def likely_distribution(self, channel: records.Channel) -> Likely:
         """Return the distributions of ROS 2 that a channel may come from."""
-        named = (self._read_metadata(entry) for entry in self.glance.metadata if entry.name == distribution.RECORD)
+        named = (self._read_metadata(entry) for entry in self.glance.metadata if entry.name == distros.RECORD)
         return distribution.likely(channel, [record for record in named if record is not None], self.path)
 
     def close(self) -> None:

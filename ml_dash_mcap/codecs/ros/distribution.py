@@ -9,14 +9,9 @@ from ...mcap.records import Channel, Metadata
 from . import distros
 from .distros import Likely
 
-RECORD = "rosbag2"
-"""The metadata record of rosbag2, whose values are these."""
-_DISTRO, _METADATA = "ROS_DISTRO", "serialized_metadata"
-
 CHANNEL_KEY = "ros_distro"
 """What a channel's metadata may say instead."""
 
-_YAML = "metadata.yaml"
 _YAML_BYTES = 1024 * 1024
 
 
@@ -31,9 +26,9 @@ def likely(channel: Channel, records: Iterable[Metadata], path: Path) -> Likely:
         path: Where the file is.
     """
     name, version = channel.metadata.get(CHANNEL_KEY), None
-    for values in (record.values for record in records if name is None and record.name == RECORD):
-        stated, found = distros.in_metadata(values.get(_METADATA, ""))
-        name, version = values.get(_DISTRO) or stated or name, found or version
+    for values in (record.values for record in records if name is None and record.name == distros.RECORD):
+        stated, found = distros.in_metadata(values.get(distros.TEXT_KEY, ""))
+        name, version = values.get(distros.DISTRO_KEY) or stated or name, found or version
     if name is None and version is None:
         name, version = distros.in_metadata(_beside(path))
     return distros.likely(name, version)
@@ -41,7 +36,7 @@ def likely(channel: Channel, records: Iterable[Metadata], path: Path) -> Likely:
 
 def _beside(path: Path) -> str:
     try:
-        with (path.parent / _YAML).open("rb") as file:
+        with (path.parent / distros.METADATA_FILE).open("rb") as file:
             return file.read(_YAML_BYTES).decode(errors="replace")
     except OSError:
         return ""

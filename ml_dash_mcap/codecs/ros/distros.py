@@ -6,6 +6,16 @@ import re
 from collections.abc import Mapping
 from typing import NamedTuple
 
+METADATA_FILE = "metadata.yaml"
+"""What rosbag2 says of a bag, in its folder."""
+
+RECORD = "rosbag2"
+"""The metadata record in which rosbag2 says it in an MCAP file, with these keys:"""
+DISTRO_KEY, TEXT_KEY = "ROS_DISTRO", "serialized_metadata"
+
+METADATA_KEY = "rosbag2_bagfile_information"
+"""In that file, the key of what it says."""
+
 NAMES = ("dashing", "eloquent", "foxy", "galactic", "humble", "iron", "jazzy", "kilted", "lyrical")
 """The oldest first."""
 

@@ -6,22 +6,21 @@ import errno
 import shutil
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from functools import cached_property, partial
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import zstandard
 
+from ...codecs.ros.distros import DISTRO_KEY, METADATA_FILE, TEXT_KEY
 from ...errors import ConversionWarning, DamagedFileError, EncodingError, MissingRecordingError
 from ...mcap.limits import DEFAULT, Limits
 from ...mcap.message import Connection
-from . import bag_information
 from .bag_contents import BagFile
+from .bag_information import NOTHING, BagInformation
 from .bag_mcap.read import McapBag
 from .bag_sqlite.read import SqliteBag
 
-METADATA = "metadata.yaml"
 ZSTD = ".zstd"
 _SUFFIXES = (".mcap", ".db3")
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
@@ -38,7 +37,7 @@ class Folder:
             DamagedFileError: Its `metadata.yaml` cannot be read.
         """
         self.path = path
-        self.information = _information(path / METADATA) if path.is_dir() else {}
+        self.information = _information(path / METADATA_FILE) if path.is_dir() else NOTHING
 
     @cached_property
     def files(self) -> list[Path]:
@@ -62,7 +61,7 @@ class Folder:
     def warn_of_unnamed(self) -> None:
         """Warn of files that are not read because the metadata does not name them."""
         if self.unnamed:
-            what = f"{METADATA} does not name {', '.join(self.unnamed)}; what is in there is not read"
+            what = f"{METADATA_FILE} does not name {', '.join(self.unnamed)}; what is in there is not read"
             warnings.warn(f"{self.path}: {what}", ConversionWarning, stacklevel=6)
 
     def _present(self) -> list[Path]:
@@ -75,13 +74,10 @@ class Folder:
         Raises:
             DamagedFileError: It is no list of names.
         """
-        names = self.information.get("relative_file_paths")
-        if names is None:
-            return []
-        if not isinstance(names, list) or not all(isinstance(name, str) and "\0" not in name for name in names):
-            what = f"relative_file_paths is no list of names of files: {names!r}"
-            raise DamagedFileError(self.path / METADATA, 0, what)
-        return names
+        try:
+            return self.information.file_names
+        except ValueError as error:
+            raise DamagedFileError(self.path / METADATA_FILE, 0, str(error)) from error
 
     def _named(self, name: str) -> Path:
         """Return a file that the metadata names.
@@ -104,7 +100,7 @@ class Folder:
     @property
     def text(self) -> str:
         """The whole `metadata.yaml`; empty if there is none."""
-        path = self.path / METADATA
+        path = self.path / METADATA_FILE
         return path.read_text(encoding="utf-8", errors="replace") if self.information else ""
 
 
@@ -130,15 +126,16 @@ class FolderBag:
         self._salvages = salvages
         self._limits = limits
         self._unpacked: tempfile.TemporaryDirectory[str] | None = None
-        self.custom = bag_information.custom(self.folder.information)
-        self.distro = str(self.folder.information.get("ros_distro") or "")
+        information = self.folder.information
+        self.custom = information.custom
+        self.distro = information.distro
         self.text = self.folder.text
         """The whole `metadata.yaml`; empty if there is none."""
-        self.version = bag_information.version(self.folder.information)
-        self._mode = str(self.folder.information.get("compression_mode") or "").lower()
-        kind = str(self.folder.information.get("compression_format") or "").lower()
-        if self._mode == "message" and kind not in ("", "zstd"):
-            raise EncodingError(f"{path}: its messages are compressed by {kind!r}; only zstd is known here")
+        self.version = information.version
+        self._mode = information.compression_mode
+        compression = information.compression_format
+        if self._mode == "message" and compression not in ("", "zstd"):
+            raise EncodingError(f"{path}: its messages are compressed by {compression!r}; only zstd is known here")
         found: dict[Connection, None] = {}
         self.count = 0
         self._closed_files: dict[Path, Exception] = {}
@@ -205,17 +202,16 @@ class FolderBag:
     def _look(self, file: BagFile) -> None:
         """Take from a file what the folder does not say of the bag."""
         if isinstance(file, McapBag):
-            distro, text = file.about.get("ROS_DISTRO", ""), file.about.get("serialized_metadata", "")
+            distro, text = file.about.get(DISTRO_KEY, ""), file.about.get(TEXT_KEY, "")
         else:
             assert isinstance(file, SqliteBag)
             distro, text = file.distro, file.information
-        inside = bag_information.lenient(text)
-        self.distro = self.distro or distro or str(inside.get("ros_distro") or "")
-        self.version = self.version or bag_information.version(inside)
-        if isinstance(file, McapBag) and file.is_carried:
-            inside = {name: value for name, value in inside.items() if name != "compression_mode"}
-        self._mode = self._mode or str(inside.get("compression_mode") or "").lower()
-        self.custom = self.custom or bag_information.custom(inside)
+        information = BagInformation.lenient(text)
+        self.distro = self.distro or distro or information.distro
+        self.version = self.version or information.version
+        if not (isinstance(file, McapBag) and file.is_carried):
+            self._mode = self._mode or information.compression_mode
+        self.custom = self.custom or information.custom
         if not self._mode and not self.folder.information and starts_as_zstd(file):
             self._mode = "message"
 
@@ -241,11 +237,11 @@ def starts_as_zstd(file: BagFile) -> bool:
     return first is not None and bytes(first.payloads[0][:4]) == _ZSTD_MAGIC
 
 
-def _information(path: Path) -> Mapping[str, Any]:
+def _information(path: Path) -> BagInformation:
     if not path.exists():
-        return {}
+        return NOTHING
     try:
-        return bag_information.parse(path.read_text(encoding="utf-8"))
+        return BagInformation.parse(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise DamagedFileError(path, 0, f"it is no metadata of a bag: {error}") from error
 

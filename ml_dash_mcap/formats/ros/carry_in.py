@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from ...codecs.ros import distros
 from ...errors import EncodingError
 from ...file_names import BAG_RECORD, SEGMENT_SUFFIX, is_like_a_bomb
 from ...mcap import records
@@ -25,7 +26,6 @@ from ...options import RecorderOptions
 from ...query import stored_messages
 from ...query.stored_messages import StoredChunk
 from ...store import read_ahead
-from . import bag_information
 from .bag_contents import Bag, BagFile
 from .bag_mcap.read import McapBag
 from .bag_sqlite.read import SqliteBag
@@ -129,13 +129,13 @@ class Carrier:
             for record, entry in stored_messages.attachments(file.file):
                 dest.add_attachment(record, entry)
         text = self._bag.text
-        if bag_information.RECORD not in names and self._bag.format == "rosbag2":
+        if distros.RECORD not in names and self._bag.format == "rosbag2":
             inside = file.information if isinstance(file, SqliteBag) else ""
-            said = {"ROS_DISTRO": self._bag.distro, "serialized_metadata": inside or text}
-            if any(said.values()):
-                dest.add_metadata(bag_information.RECORD, said)
+            values_of_rosbag2 = {distros.DISTRO_KEY: self._bag.distro, distros.TEXT_KEY: inside or text}
+            if any(values_of_rosbag2.values()):
+                dest.add_metadata(distros.RECORD, values_of_rosbag2)
         if text:
-            values["metadata.yaml"] = text
+            values[distros.METADATA_FILE] = text
         dest.add_metadata(BAG_RECORD, values)
 
     def _chunks(self, file: BagFile, ids: Mapping[int, int]) -> Iterator[PackedChunk]:

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from ... import clock
+from ...codecs.decode import DIGEST_KEYS
+from ...codecs.ros import distros
 from ...errors import ConversionError, ConversionWarning
 from ...file_names import ABOUT_RECORD, BAG_RECORD
 from ...mcap.message import CHUNK_BYTES, Connection, MessageBlock, Payload
@@ -19,11 +21,9 @@ from ...mcap.records import Metadata
 from ...query import stored_messages, topic_rows
 from ...query.file import File
 from ..export_job import Job
-from . import bag_information
-from .bag_metadata import OFFERED, is_latched, joined
+from .bag_information import BagInformation
 from .bag_plan import Outlet
-
-_METADATA = "metadata.yaml"
+from .qos_profiles import LATCHING, OFFERED, is_latched, joined
 
 Convert = Callable[[Payload], Payload]
 
@@ -58,12 +58,12 @@ def origin(job: Job) -> Origin:
     distro, version = "", 0
     custom, digests, profiles = dict[str, str](), dict[str, str](), dict[str, str]()
     for stated, text in _stated(job):
-        inside = bag_information.lenient(text)
-        distro = stated or str(inside.get("ros_distro") or "") or distro
-        version = bag_information.version(inside) or version
-        custom.update(bag_information.custom(inside))
-        digests.update(bag_information.digests(inside))
-        profiles.update(bag_information.profiles(inside))
+        information = BagInformation.lenient(text)
+        distro = stated or information.distro or distro
+        version = information.version or version
+        custom.update(information.custom)
+        digests.update(information.digests)
+        profiles.update(information.profiles)
     return Origin(distro, version, custom, digests, profiles)
 
 
@@ -73,15 +73,15 @@ def _stated(job: Job) -> Iterator[tuple[str, str]]:
     for file in job.files:
         by_folder.setdefault(file.path.parent, file)
     for file in by_folder.values():
-        beside = file.source.beside(_METADATA)
+        beside = file.source.beside(distros.METADATA_FILE)
         if beside is not None:
             yield "", beside.decode(errors="replace")
     for file in job.files:
         for record in file.metadata():
             if record.name == BAG_RECORD:
-                yield "", record.values.get(_METADATA, "")
-            elif record.name == bag_information.RECORD:
-                yield record.values.get("ROS_DISTRO", ""), record.values.get("serialized_metadata", "")
+                yield "", record.values.get(distros.METADATA_FILE, "")
+            elif record.name == distros.RECORD:
+                yield record.values.get(distros.DISTRO_KEY, ""), record.values.get(distros.TEXT_KEY, "")
 
 
 class Carried:
@@ -174,7 +174,7 @@ class Carried:
                 self._warn(f"topic {channel.topic!r} is left out: {error}")
                 return None
         metadata = dict(channel.metadata)
-        digest = metadata.get("md5sum" if self._is_ros1 else "topic_type_hash")
+        digest = metadata.get(DIGEST_KEYS[self._is_ros1])
         if digest is None:
             digest = "" if self._is_ros1 else self._origin.digests.get(channel.topic, "")
         self.outlets.append(Outlet(number, channel.topic, channel.type, channel.text, digest, carried=channel))
@@ -196,13 +196,13 @@ class Carried:
         self._converters[number] = found.convert
         before = dict(channel.metadata)
         if self._is_ros1:
-            metadata = {"topic": channel.topic, "md5sum": found.digest}
+            metadata = {"topic": channel.topic, DIGEST_KEYS[True]: found.digest}
             if is_latched(before.get(OFFERED, "")):
-                metadata["latching"] = "1"
+                metadata[LATCHING] = "1"
         else:
-            metadata = {"topic_type_hash": found.digest}
-            if "latching" in before:
-                metadata["latching"] = before["latching"]
+            metadata = {DIGEST_KEYS[False]: found.digest}
+            if LATCHING in before:
+                metadata[LATCHING] = before[LATCHING]
         return Connection(
             channel.topic,
             found.type,
@@ -250,11 +250,7 @@ class Carried:
 
 def foreign_metadata(file: File) -> list[Metadata]:
     """Return a file's metadata records that are neither ours nor rosbag2's."""
-    return [
-        one
-        for one in file.metadata()
-        if one.name != bag_information.RECORD and one.name.partition(".")[0] != ABOUT_RECORD
-    ]
+    return [one for one in file.metadata() if one.name != distros.RECORD and one.name.partition(".")[0] != ABOUT_RECORD]
 
 
 def warn_of_beside(files: list[File], where: str) -> None:

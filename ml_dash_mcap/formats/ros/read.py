@@ -16,9 +16,10 @@ from ...recorder import Recorder
 from .. import file_signs
 from ..file_start import FileStart
 from ..registry import Progress
-from . import bag_folder, bag_information
+from . import bag_folder
 from .bag_contents import Bag, batches
 from .bag_folder import FolderBag
+from .bag_information import BagInformation
 from .bag_mcap import read as bag_mcap
 from .bag_options import RosbagReadOptions
 from .bag_types import Types
@@ -35,7 +36,7 @@ def read_as_it_is(path: Path) -> list[Path] | None:
     """
     folder = bag_folder.Folder(path)
     files = folder.files
-    if not files or any(file.suffix != ".mcap" for file in files) or folder.information.get("compression_mode"):
+    if not files or any(file.suffix != ".mcap" for file in files) or folder.information.compression_mode:
         return None
     for file in files:
         try:
@@ -45,8 +46,8 @@ def read_as_it_is(path: Path) -> list[Path] | None:
         try:
             if any(lossless_definitions.MARK in channel.text for channel in bag.channels.values()):
                 return None
-            inside = bag_information.lenient(bag.about.get("serialized_metadata", ""))
-            is_packed = inside.get("compression_mode") and not bag.is_carried
+            inside = BagInformation.lenient(bag.about.get(distros.TEXT_KEY, ""))
+            is_packed = inside.compression_mode and not bag.is_carried
             if is_packed or (not folder.information and bag_folder.starts_as_zstd(bag)):
                 return None
             if bag.count:

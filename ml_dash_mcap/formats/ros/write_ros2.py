@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import functools
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+from ...codecs.ros.distros import METADATA_FILE
 from ...mcap.message import MessageBlock
 from ..destination import fresh_folder
 from ..export_job import Job, Steps
-from . import bag_metadata, carry_out
+from . import bag_versions, carry_out, qos_profiles
+from .bag_information import Description, FileContents
 from .bag_mcap import write as bag_mcap
-from .bag_metadata import Contents
 from .bag_options import Rosbag2WriteOptions
 from .bag_plan import Outlet, Settings
 from .bag_sqlite import write as bag_sqlite
@@ -70,12 +71,12 @@ def export(job: Job, options: Rosbag2WriteOptions) -> Path:
     origin = carry_out.origin(job)
     storage, distro, split_bytes = options.storage, options.distro, options.split_bytes
     if distro is not None:
-        version = bag_metadata.check_distro(distro)
+        version = bag_versions.check_distro(distro)
     else:
-        distro, version = bag_metadata.distro_of(origin.distro, origin.version)
+        distro, version = bag_versions.distro_of(origin.distro, origin.version)
     room = bag_mcap.Storage.room if storage == "mcap" else bag_sqlite.Storage.room
     settings = Settings.of(options, is_ros1=False, room=room, is_in_order=split_bytes is not None)
-    qos = functools.partial(bag_metadata.offered, version=version)
+    qos = functools.partial(qos_profiles.offered, version=version)
     begin: Callable[[Path, Sequence[Outlet]], _Storage]
     if storage == "mcap":
         begin = functools.partial(bag_mcap.Storage, qos=qos, distro=distro, compression=options.compression or "zstd")
@@ -90,7 +91,8 @@ def export(job: Job, options: Rosbag2WriteOptions) -> Path:
         steps = Steps(job.counter())
         while True:
             custom = {**origin.custom, **({CUSTOM_KEY: to_text(outgoing.about())} if outgoing.plans else {})}
-            bag = _Bag(folder, job.dest.name, storage, distro, version, split_bytes, begin, outgoing, custom)
+            description = Description(version, storage, distro, custom)
+            bag = _Bag(folder, job.dest.name, description, split_bytes, begin, outgoing)
             try:
                 bag.fill(steps)
             except MisfitError:
@@ -111,30 +113,23 @@ class _Bag:
         self,
         folder: Path,
         name: str,
-        storage: str,
-        distro: str,
-        version: int,
+        description: Description,
         split_bytes: int | None,
         begin: Callable[[Path, Sequence[Outlet]], _Storage],
         outgoing: Outgoing,
-        custom: Mapping[str, str],
     ) -> None:
         self._folder = folder
         self._name = name
-        self._storage = storage
-        self._suffix = bag_mcap.SUFFIX if storage == "mcap" else bag_sqlite.SUFFIX
-        self._distro = distro
-        self._version = version
+        self._description = description
+        self._suffix = bag_mcap.SUFFIX if description.storage == "mcap" else bag_sqlite.SUFFIX
         self._split_bytes = split_bytes
         self._begin = begin
         self._outgoing = outgoing
-        self._custom = custom
-        self._files: list[Contents] = []
+        self._files: list[FileContents] = []
 
     def fill(self, steps: Steps) -> None:
         """Write all messages, and the metadata."""
         steps.begin()
-        outlets = self._outgoing.outlets
         file = self._next()
         try:
             for rows, sent in packed(self._outgoing.messages(), file.pack, is_split=self._split_bytes is not None):
@@ -154,9 +149,8 @@ class _Bag:
             self._finish(file)
         finally:
             file.close()
-        said = self._information(outlets, self._files)
-        text = bag_metadata.to_yaml({"rosbag2_bagfile_information": said})
-        (self._folder / "metadata.yaml").write_text(text, encoding="utf-8")
+        text = self._description.text(self._outgoing.outlets, self._files)
+        (self._folder / METADATA_FILE).write_text(text, encoding="utf-8")
 
     def _next(self) -> _Storage:
         return self._begin(self._folder / self._file_name(), self._outgoing.outlets)
@@ -165,9 +159,6 @@ class _Bag:
         return f"{self._name}_{len(self._files)}{self._suffix}"
 
     def _finish(self, file: _Storage) -> None:
-        contents = Contents(self._file_name(), dict(file.counts), file.start_ns, file.end_ns)
-        file.finish(bag_metadata.to_yaml(self._information(self._outgoing.outlets, [contents])))
+        contents = FileContents(self._file_name(), dict(file.counts), file.start_ns, file.end_ns)
+        file.finish(self._description.text_of_file(self._outgoing.outlets, contents))
         self._files.append(contents)
-
-    def _information(self, outlets: Sequence[Outlet], files: Sequence[Contents]) -> dict[str, Any]:
-        return bag_metadata.information(self._version, self._storage, self._distro, outlets, files, self._custom)

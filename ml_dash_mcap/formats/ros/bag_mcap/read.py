@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
+from ....codecs.ros import distros
 from ....errors import DamagedFileError
 from ....file_names import BAG_RECORD
 from ....mcap.limits import DEFAULT, Limits
 from ....mcap.message import CHUNK_BYTES, Connection, MessageBlock
 from ....query import stored_messages
 from ....query.file import File
-from .. import bag_information
 from ..bag_contents import unpacked
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -77,7 +77,7 @@ class McapBag:
     @property
     def about(self) -> Mapping[str, str]:
         """What rosbag2 says of the file in its metadata record; nothing where there is none."""
-        return next((one.values for one in self.file.metadata() if one.name == bag_information.RECORD), {})
+        return next((record.values for record in self.file.metadata() if record.name == distros.RECORD), {})
 
     @property
     def is_carried(self) -> bool:

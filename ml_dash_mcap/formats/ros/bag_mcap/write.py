@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import zstandard
 
+from ....codecs.decode import DIGEST_KEYS
+from ....codecs.ros import distros
 from ....mcap.chunk_writer import Compressor, PackedChunk, build_block, compressor, pack
 from ....mcap.file_writer import FileWriter
 from ....mcap.message import CHUNK_BYTES, Connection, MessageBlock
@@ -19,9 +21,9 @@ from ....mcap.output import FileOutput
 from ....options import RecorderOptions
 from ....query import stored_messages
 from ....query.file import File
-from ..bag_information import RECORD
 from ..bag_plan import Outlet
 from ..carry_out import foreign_metadata
+from ..qos_profiles import OFFERED
 from ..rows_out import Sent
 
 SUFFIX = ".mcap"
@@ -117,7 +119,8 @@ class Storage:
         Args:
             information: What is said of it, as YAML.
         """
-        self._file.add_metadata(RECORD, {"ROS_DISTRO": self._distro, "serialized_metadata": information})
+        values = {distros.DISTRO_KEY: self._distro, distros.TEXT_KEY: information}
+        self._file.add_metadata(distros.RECORD, values)
         self._file.write_end()
         self.close()
 
@@ -149,9 +152,9 @@ def _connection(outlet: Outlet, qos: str) -> Connection:
     """Return what a topic of the bag is: one that is carried keeps what is known of it."""
     found = outlet.carried
     if found is None:
-        metadata = {"offered_qos_profiles": qos, "topic_type_hash": outlet.digest}
+        metadata = {OFFERED: qos, DIGEST_KEYS[False]: outlet.digest}
         return Connection(outlet.topic, outlet.type, "ros2msg", outlet.text.encode(), "cdr", tuple(metadata.items()))
-    return replace(found, metadata=tuple({**dict(found.metadata), "offered_qos_profiles": qos}.items()))
+    return replace(found, metadata=tuple({**dict(found.metadata), OFFERED: qos}.items()))
 
 
 def _put_heads(block: npt.NDArray[np.uint8], sent: Sent, before: int) -> None:
