@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import itertools
-import json
 import logging
 import os
 import socket
@@ -16,34 +14,33 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, NoReturn, TypeVar
 
-from .capture.channels import ChannelInfo
 from .capture.journal import Journal
 from .capture.journal_files import JournalFiles
+from .capture.metadata_texts import parameter_text, text_of, texts_of, write_metadata
 from .capture.prepare_block import BlockPreparer
 from .capture.segment_names import STAMP, stamp_after
 from .capture.segment_sink import SegmentSink
 from .capture.sink import SessionInfo, Sink
 from .capture.sink_threads import SinkThreads
 from .capture.stats import Stats
+from .capture.topic_registry import TopicAbout, TopicRegistry
 from .capture.writer import Writer
-from .errors import FieldError, PrefixError, StorageError, TopicError, UsageError
-from .file_names import PARAMETERS_RECORD, TOPIC_RECORD, TRACK
+from .errors import PrefixError, StorageError, TopicError, UsageError
+from .file_names import PARAMETERS_RECORD, TRACK
 from .inspect.earlier_run import own_clock_until
 from .inspect.plain_words import said as in_words
-from .mcap.records import METADATA, Metadata
 from .meaning.annotations import NOTHING_SAID, collect
 from .options import RecorderOptions, arguments_of, check_options, misplaced
 from .recovery import recover_folder
-from .rows.json_text import dumps, plain, plain_list
 from .timestamps import stamper
-from .topic import Topic, check_topic
+from .topic import Intake, Topic, check_topic
 from .version import LIBRARY
 
 _log = logging.getLogger("ml_dash_mcap")
 
-_MAX_TOPICS = 65_535
-
 T = TypeVar("T", bound=Topic)
+
+_NOTHING_TOLD = TopicAbout()
 
 
 class Recorder:
@@ -88,18 +85,14 @@ class Recorder:
         self.options = options if options is not None else RecorderOptions.from_environment()
         self.session = uuid.uuid4().hex[:16]
         """Names this opening of the recording; `run` in the metadata."""
-        self._stamper = stamper(timestamps)
+        stamping = stamper(timestamps)
         recover_folder(self.path)
         _warn_of_earlier_run(self.path)
-        self._channels: dict[int, ChannelInfo] = {}
-        self._topics: dict[tuple[str, str], Topic] = {}
-        self._said: dict[tuple[str, str], dict[str, Any]] = {}
-        """The metadata of topics."""
-        self._topics_lock = threading.RLock()
-        """Guards `_channels`, `_topics` and `_said` while one is added."""
-        self._numbers = itertools.count(1)
         about = self._about(prefix, metadata or {})
         self._journal = Journal(JournalFiles(self.path, self.session, self.options, about), self.options)
+        stamping.journal = self._journal
+        self._registry = TopicRegistry(self._journal)
+        self._intake = Intake(self, self._journal, stamping)
         try:
             self._start(SessionInfo(self.path, about), sinks)
         except BaseException:
@@ -109,8 +102,7 @@ class Recorder:
 
     def _start(self, session: SessionInfo, sinks: Iterable[Sink]) -> None:
         """Set the writer to work."""
-        self._stamper.journal = self._journal
-        self._preparer = BlockPreparer(self.path, session.about, self._channels)
+        self._preparer = BlockPreparer(self.path, session.about, self._registry.channels)
         self._segments = SegmentSink(self.options, self._preparer.fallbacks, self._journal.room.dropped)
         self._segments.open(session)
         self._sinks = SinkThreads(sinks, session, self.options.backlog_bytes)
@@ -126,10 +118,9 @@ class Recorder:
             self._journal.eager = self._journal.seal_at(self.options.batch_rows)
 
     def _about(self, prefix: str | None, metadata: Mapping[str, str]) -> dict[str, str]:
-        said = {_text("metadata", name): _text(f"metadata {name!r}:", value) for name, value in metadata.items()}
         return {
-            **said,
-            "prefix": _text("prefix", self.path.name if prefix is None else prefix),
+            **texts_of(metadata),
+            "prefix": text_of("prefix", self.path.name if prefix is None else prefix),
             "run": self.session,
             "run_start": datetime.datetime.now(datetime.timezone.utc).isoformat(),
             "host": socket.gethostname(),
@@ -169,56 +160,18 @@ class Recorder:
             FieldError: What is said of it is not what it should be.
             StateError: The recorder is closed.
         """
-        found = self._topics.get((TRACK, name)) if isinstance(name, str) else None
-        said = (description, tags, metadata, units, joint_names, frame_id, quat_order)
-        if found is not None and said == NOTHING_SAID:
-            return found
+        topic: Topic | None = self._registry.get(TRACK, name) if isinstance(name, str) else None
+        told = (description, tags, metadata, units, joint_names, frame_id, quat_order)
+        if topic is not None and told == NOTHING_SAID:
+            return topic
         check_topic(name)
         more = collect(units, joint_names, frame_id, quat_order)
-        return self._open(name, TRACK, Topic, description=description, tags=tags, metadata=metadata, more=more)
+        about = TopicAbout(description=description, tags=tags, metadata=metadata, more=more)
+        return open_topic(self, name, TRACK, Topic, about)
 
     def topics(self) -> list[str]:
         """Return the names of the tracks opened so far, sorted."""
-        return sorted(name for kind, name in list(self._topics) if kind == TRACK)
-
-    def _open(
-        self,
-        name: str,
-        kind: str,
-        cls: type[T],
-        *,
-        description: str | None = None,
-        tags: Iterable[str] | None = None,
-        metadata: Mapping[str, Any] | None = None,
-        schema: Mapping[str, Any] | None = None,
-        schema_name: str | None = None,
-        more: Mapping[str, Any] | None = None,
-    ) -> T:
-        """Return a topic of any kind, registering it first; its description may come later.
-
-        `metadata` takes the place of what was said before, `more` is added to it.
-        """
-        with self._topics_lock:
-            if more:
-                metadata = {**(metadata if metadata is not None else self._said.get((kind, name), {})), **more}
-            said = _topic_metadata(description, tags, metadata)
-            if metadata is not None:
-                self._said[(kind, name)] = dict(metadata)
-            topic = self._topics.get((kind, name))
-            new = topic is None
-            if topic is None:
-                info = ChannelInfo(next(self._numbers), name, kind, said, schema, schema_name)
-                if info.number > _MAX_TOPICS:
-                    raise TopicError(f"topic {name!r}: a recording holds {_MAX_TOPICS} topics, and has them")
-                self._channels[info.number] = info
-                self._journal.register(info.schema_record(None) + info.channel_record())
-                # a signal handler may have opened it meanwhile; then that one counts, and this number has no rows
-                topic = self._topics.setdefault((kind, name), cls(self, info))
-        if said and not new:
-            self.write_metadata(TOPIC_RECORD, {"topic": name, **said})
-        if not isinstance(topic, cls):
-            raise TopicError(f"topic {name!r} is open as a {type(topic).__name__} already")
-        return topic
+        return self._registry.names(TRACK)
 
     # -- metadata ----------------------------------------------------------------------------------------------------
 
@@ -229,15 +182,12 @@ class Recorder:
             FieldError: A value cannot be stored; the message names it.
         """
         self.write_metadata(
-            PARAMETERS_RECORD, {name: _parameter_text(name, value) for name, value in parameters.items()}
+            PARAMETERS_RECORD, {name: parameter_text(name, value) for name, value in parameters.items()}
         )
 
     def write_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record of a name of its own. It is as safe as a row when this returns."""
-        said = {_text("metadata", key): _text(f"metadata {key!r}:", value) for key, value in values.items()}
-        self._journal.add_metadata(METADATA.pack(Metadata(_text("metadata", name), said)))
-        if self._journal.eager is not None:
-            self._journal.eager()
+        write_metadata(self._journal, name, values)
 
     # -- the clock, the figures, the end -----------------------------------------------------------------------------
 
@@ -268,7 +218,8 @@ class Recorder:
         refused = sum(dropped.values())
         failure = self._writer.failure
         steps = {
-            self._channels[number].topic: counts.steps for number, counts in list(self._preparer.steps.totals.items())
+            self._registry.channels[number].topic: counts.steps
+            for number, counts in list(self._preparer.steps.totals.items())
         }
         return Stats(
             accepted=taken + refused,
@@ -313,44 +264,24 @@ class Recorder:
         return f"<Recorder {str(self.path)!r}, {'closed' if self.closed else 'recording'}>"
 
 
-def _topic_metadata(
-    description: str | None, tags: Iterable[str] | None, metadata: Mapping[str, Any] | None
-) -> dict[str, str]:
-    said: dict[str, str] = {}
-    if description is not None:
-        said["description"] = _text("description", description)
-    if tags is not None:
-        words = [tags] if isinstance(tags, str) else list(tags) if isinstance(tags, Iterable) else [tags]
-        if not all(isinstance(word, str) for word in words):
-            raise FieldError(f"tags={tags!r}: pass a list of words")
-        said["tags"] = json.dumps([_text("tag", word) for word in words])
-    if metadata is not None:
-        if not isinstance(metadata, Mapping):
-            raise FieldError(f"metadata={metadata!r}: pass a dict")
-        said["metadata"] = _parameter_text("metadata", dict(metadata))
-    return said
+def open_topic(recorder: Recorder, name: str, kind: str, cls: type[T], about: TopicAbout = _NOTHING_TOLD) -> T:
+    """Return a topic of any kind, registering it first if it is new. For the library's own topics and for imports.
 
+    Args:
+        recorder: Whose topic.
+        name: Checked.
+        kind: track, message, log, metric, file or episode.
+        cls: The class of the topic's object.
+        about: What is told about it.
 
-def _text(name: str, value: Any) -> str:
-    """Return a value as text that a file can hold."""
-    text = value if isinstance(value, str) else str(value)
-    try:
-        text.encode()
-    except UnicodeEncodeError as error:
-        raise FieldError(f"{name} {text!r} is not valid Unicode: {error}") from error
-    return text
-
-
-def _parameter_text(name: str, value: Any) -> str:
-    """Spell a parameter as JSON, with Python's `NaN` and `Infinity` where it has them."""
-    if not isinstance(name, str):
-        raise FieldError(f"the name of a parameter is text, not {name!r}")
-    _text("the parameter's name", name)
-    try:
-        text = dumps(value, plain)
-        return text.decode() if b"null" not in text else json.dumps(value, default=plain_list)
-    except Exception as error:  # what a foreign object's own methods raise
-        raise FieldError(f"parameter {name!r}: a {type(value).__qualname__} cannot be stored: {error}") from error
+    Raises:
+        TopicError: The topic is open with another class.
+        StateError: The recorder is closed.
+    """
+    topic = recorder._registry.open(name, kind, lambda info: cls(recorder._intake, info), about)
+    if not isinstance(topic, cls):
+        raise TopicError(f"topic {name!r} is open as a {type(topic).__name__} already")
+    return topic
 
 
 def _warn_of_earlier_run(folder: Path) -> None:

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
 
 from . import clock
 from .capture.channels import ChannelInfo
 from .capture.event_times import WALL_STAMPED
+from .capture.journal import Journal
 from .errors import FieldError, TopicError, UsageError
 from .file_names import OWN_TOPICS
 from .mcap.message_records import MESSAGE_OPCODE
 from .rows.encode import EXACT_KEY, TIME_KEY
 from .rows.json_text import dumps, exact, row_value
-from .timestamps import MISSING
-
-if TYPE_CHECKING:
-    from .recorder import Recorder
+from .timestamps import MISSING, Stamper
 
 _MAX_TOPIC_BYTES = 1024
 
@@ -28,25 +28,51 @@ _OPCODE = bytes((MESSAGE_OPCODE,))
 T = TypeVar("T", bound="Topic")
 
 
+class TopicOwner(Protocol):
+    """What a topic needs of its recorder, which it keeps alive."""
+
+    path: Path
+
+    @property
+    def closed(self) -> bool:
+        """Whether it takes no more rows."""
+
+    def time(self) -> float:
+        """Return the recording's time now, in seconds."""
+
+    def flush(self) -> None:
+        """Wait until every row taken so far is in the file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Intake:
+    """What the topics of one recorder share."""
+
+    recorder: TopicOwner
+    journal: Journal
+    """Where the rows go."""
+    stamper: Stamper
+    """The rule for missing and inherited time stamps."""
+
+
 class Topic:
     """One topic of a recorder: a stream of rows, each a set of named fields at a time.
 
     Any thread may call any method. Made by `Recorder.topic`.
     """
 
-    __slots__ = ("__weakref__", "_channel", "_head", "_journal", "_probe", "_recorder", "name")
+    __slots__ = ("__weakref__", "_head", "_intake", "_journal", "_probe", "name")
 
-    def __init__(self, recorder: Recorder, channel: ChannelInfo) -> None:
+    def __init__(self, intake: Intake, channel: ChannelInfo) -> None:
         self.name = channel.topic
-        self._recorder = recorder
-        self._channel = channel
-        self._journal = recorder._journal
+        self._intake = intake
+        self._journal = intake.journal
         self._head = struct.pack("<HI", channel.number, 0)
         self._probe = b"n"[0]
 
     def __repr__(self) -> str:
-        state = "closed" if self._recorder.closed else "recording"
-        return f"<{type(self).__name__} {self.name!r} in {str(self._recorder.path)!r}, {state}>"
+        state = "closed" if self._intake.recorder.closed else "recording"
+        return f"<{type(self).__name__} {self.name!r} in {str(self._intake.recorder.path)!r}, {state}>"
 
     def append(
         self: T, /, *positional: Any, _ts: Any = MISSING, timestamp: Any = MISSING, _exact: Any = MISSING, **fields: Any
@@ -169,7 +195,7 @@ class Topic:
             StateError: The recorder is closed.
             StorageError: It cannot be written.
         """
-        self._recorder.flush()
+        self._intake.recorder.flush()
         return self
 
     def _put(self, tail: bytes, time_s: float) -> bool:
@@ -209,7 +235,7 @@ class Topic:
 
     def _time(self, given: Any, last_s: float | None = None) -> float:
         """Return the time stamp of a row, in seconds, by the recorder's rule for missing and inherited ones."""
-        return self._recorder._stamper.resolve(given, self.name, last_s)
+        return self._intake.stamper.resolve(given, self.name, last_s)
 
     def _accept(
         self, positional: tuple[Any, ...], timestamp: Any, exact_key: Any, fields: dict[str, Any]
@@ -264,8 +290,8 @@ class EventTopic(Topic):
 
     __slots__ = ("_wall_head",)
 
-    def __init__(self, recorder: Recorder, channel: ChannelInfo) -> None:
-        super().__init__(recorder, channel)
+    def __init__(self, intake: Intake, channel: ChannelInfo) -> None:
+        super().__init__(intake, channel)
         self._wall_head = struct.pack("<HI", channel.number, WALL_STAMPED)
 
     @property
@@ -275,7 +301,15 @@ class EventTopic(Topic):
 
     def now(self) -> float:
         """Return the recording's time now, in seconds."""
-        return self._recorder.time()
+        return self._intake.recorder.time()
+
+    def time_of(self, given: Any) -> float:
+        """Return a time that a user gave, in seconds.
+
+        Raises:
+            TimestampError: It is no time stamp.
+        """
+        return self._time(given)
 
     def add(self, fields: dict[str, Any], time_s: float | None = None) -> bool:
         """Take one row; returns whether it was taken.

@@ -18,7 +18,7 @@ import pytest
 
 from ml_dash_mcap.errors import BacklogFullError, StateError
 from ml_dash_mcap.options import RecorderOptions
-from ml_dash_mcap.recorder import Recorder
+from ml_dash_mcap.recorder import Recorder, open_topic
 from ml_dash_mcap.topic import EventTopic
 from tests.interruptions import at_every_point, within
 from tests.support import disk
@@ -36,7 +36,7 @@ class Rows:
     def __init__(self, recorder: Recorder) -> None:
         self.recorder = recorder
         self.topics = {name: recorder.topic(name) for name in ("main", "handler")}
-        self.metric = recorder._open("ml_dash/metrics/m", "metric", EventTopic)
+        self.metric = open_topic(recorder, "ml_dash/metrics/m", "metric", EventTopic)
         self.numbers = itertools.count()
         self.taken: list[int] = []
         self.parameters = 0

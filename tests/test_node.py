@@ -13,7 +13,7 @@ import pytest
 from mcap.reader import NonSeekingReader, SeekingReader
 
 from ml_dash_mcap.options import RecorderOptions
-from ml_dash_mcap.recorder import Recorder
+from ml_dash_mcap.recorder import Recorder, open_topic
 from ml_dash_mcap.topic import EventTopic
 from tests.support import disk, node_program
 
@@ -43,7 +43,7 @@ def record(folder: Path, options: RecorderOptions) -> dict[str, int]:
         recorder.topic("large").append(fill="x" * 100_000, _ts=1.0)
         recorder.topic("never used")
         for number in range(10):
-            recorder._open("ml_dash/metrics/train", "metric", EventTopic).add({"loss": number})
+            open_topic(recorder, "ml_dash/metrics/train", "metric", EventTopic).add({"loss": number})
     found: dict[str, int] = {}
     for topic, _ in disk.payloads(folder):
         found[topic] = found.get(topic, 0) + 1

@@ -21,7 +21,7 @@ from ml_dash_mcap.errors import (
     TopicError,
     UsageError,
 )
-from ml_dash_mcap.recorder import Recorder
+from ml_dash_mcap.recorder import Recorder, open_topic
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.topic import EventTopic
 from tests.support import disk
@@ -238,7 +238,7 @@ def test_the_same_name_is_the_same_topic_and_of_one_class(recorder: Recorder) ->
     assert recorder.topic("a", description="later") is recorder.topic("a")
     assert recorder.topics() == ["a"]
     with pytest.raises(TopicError, match="open"):
-        recorder._open("a", "track", EventTopic)
+        open_topic(recorder, "a", "track", EventTopic)
 
 
 @pytest.mark.parametrize("path", ["file", "file/run", "file/deep/run"])

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.options import RecorderOptions
-from ml_dash_mcap.recorder import Recorder
+from ml_dash_mcap.recorder import Recorder, open_topic
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.topic import EventTopic
 from tests.support import disk
@@ -74,7 +74,7 @@ class Model:
             self.tracks[topic].setdefault(ts, {}).update(row)
 
     def metric(self, value: int) -> None:
-        self.recorder._open("ml_dash/metrics/m", "metric", EventTopic).add({"v": value})
+        open_topic(self.recorder, "ml_dash/metrics/m", "metric", EventTopic).add({"v": value})
         self.metrics.append(value)
 
     def flush(self) -> None:

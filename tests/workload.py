@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ml_dash_mcap.options import RecorderOptions
-from ml_dash_mcap.recorder import Recorder
+from ml_dash_mcap.recorder import Recorder, open_topic
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.topic import EventTopic
 from tests.faulty_os import calls_go_through, dies_at
@@ -71,7 +71,7 @@ def actions(recorder: Recorder, seed: int) -> Iterator[tuple[str, int]]:
     """Record for ever, in an order that the seed makes; yields what was taken and how many of it there are now."""
     chance = random.Random(seed)
     tracks = {ARM: recorder.topic(ARM), IMU: recorder.topic(IMU)}
-    metric = recorder._open(METRIC, "metric", EventTopic)
+    metric = open_topic(recorder, METRIC, "metric", EventTopic)
     counts = dict.fromkeys(KINDS, 0)
     while True:
         kind = chance.choices(KINDS, (50, 50, 5, 1))[0]

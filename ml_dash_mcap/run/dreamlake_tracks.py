@@ -7,10 +7,11 @@ from collections.abc import Iterable, Mapping
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, overload
 
+from ..capture.channels import ChannelInfo
 from ..errors import RangeError
 from ..formats.writers import render
 from ..rows.result_dicts import BytesFormat, Page, Take, TimePage
-from ..topic import Topic
+from ..topic import Intake, Topic
 from ..topic_reader import Columns, Json, Seconds
 from . import pages
 from .tracks import BoundTopic
@@ -48,8 +49,8 @@ class SessionTrack(BoundTopic):
 
     __slots__ = ("_flushed", "_taken")
 
-    def __init__(self, *recorder_and_channel: Any) -> None:
-        super().__init__(*recorder_and_channel)
+    def __init__(self, intake: Intake, channel: ChannelInfo) -> None:
+        super().__init__(intake, channel)
         self._taken = self._flushed = 0
 
     def append(self: SelfT, /, *positional: Any, **fields: Any) -> SelfT:

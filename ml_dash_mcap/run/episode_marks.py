@@ -10,9 +10,10 @@ from types import TracebackType
 from typing import Any
 
 from .. import shipped_schemas
+from ..capture.topic_registry import TopicAbout
 from ..errors import FieldError, RangeError
 from ..file_names import EPISODE, EPISODE_TOPIC
-from ..recorder import Recorder
+from ..recorder import Recorder, open_topic
 from ..topic import EventTopic
 from .endings import status_by
 
@@ -37,10 +38,9 @@ class Episodes:
     ) -> OpenEpisode:
         """Begin an episode, and end the one that is still open; see `Experiment.episode`."""
         said = _check(task, success, metadata)
-        topic = self._recorder._open(
-            EPISODE_TOPIC, EPISODE, EventTopic, schema=self._schema, schema_name="ml_dash.episode"
-        )
-        start = None if time is None else topic._time(time)
+        about = TopicAbout(schema=self._schema, schema_name="ml_dash.episode")
+        topic = open_topic(self._recorder, EPISODE_TOPIC, EPISODE, EventTopic, about)
+        start = None if time is None else topic.time_of(time)
         with self._lock:
             self.end_open()
             episode = OpenEpisode(topic, self._recorder.session, self._begun, start, *said)

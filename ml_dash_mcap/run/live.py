@@ -8,9 +8,10 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Generic, Literal
 
 from .. import shipped_schemas
+from ..capture.topic_registry import TopicAbout
 from ..file_names import FILE, FILE_TOPIC, RUN_RECORD
 from ..options import RecorderOptions
-from ..recorder import Recorder
+from ..recorder import Recorder, open_topic
 from ..topic import EventTopic
 from . import utc
 from .endings import Status
@@ -108,7 +109,9 @@ class _FileRows:
 
     def append(self, row: dict[str, Any]) -> None:
         schema = shipped_schemas.load("ml_dash.file")
-        topic = self._recorder._open(FILE_TOPIC, FILE, EventTopic, schema=schema, schema_name="ml_dash.file")
+        topic = open_topic(
+            self._recorder, FILE_TOPIC, FILE, EventTopic, TopicAbout(schema=schema, schema_name="ml_dash.file")
+        )
         topic.add(row)
 
     def rows(self) -> Iterable[dict[str, Any]]:

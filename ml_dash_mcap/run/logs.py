@@ -9,9 +9,10 @@ from types import FrameType
 from typing import Any
 
 from .. import clock, shipped_schemas
+from ..capture.topic_registry import TopicAbout
 from ..errors import FieldError
 from ..file_names import LOG, LOG_TOPIC
-from ..recorder import Recorder
+from ..recorder import Recorder, open_topic
 from ..topic import EventTopic
 
 LEVELS = {"info": 2, "warn": 3, "error": 4, "debug": 1, "fatal": 5}
@@ -90,7 +91,8 @@ class Logs:
             raise FieldError(f"Invalid log level: {level!r}. Must be one of: {', '.join(LEVELS)}")
         topic = self._topic
         if topic is None:
-            topic = self._recorder._open(LOG_TOPIC, LOG, EventTopic, schema=self._schema, schema_name="foxglove.Log")
+            about = TopicAbout(schema=self._schema, schema_name="foxglove.Log")
+            topic = open_topic(self._recorder, LOG_TOPIC, LOG, EventTopic, about)
             self._topic = topic
         row = {
             "timestamp": clock.sec_nsec(time.time_ns()),

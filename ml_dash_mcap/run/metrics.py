@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from ..capture.topic_registry import TopicAbout
 from ..errors import FieldError, UsageError
 from ..file_names import METRIC, METRIC_TOPICS
-from ..recorder import Recorder
+from ..recorder import Recorder, open_topic
 from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..rows.result_dicts import Page
 from ..topic import EventTopic, check_topic
@@ -131,9 +132,8 @@ class Metrics:
         if metric is not None and description is None and tags is None and metadata is None:
             return metric
         check_topic(name)
-        topic = self._recorder._open(
-            METRIC_TOPICS + name, METRIC, EventTopic, description=description, tags=tags, metadata=metadata
-        )
+        about = TopicAbout(description=description, tags=tags, metadata=metadata)
+        topic = open_topic(self._recorder, METRIC_TOPICS + name, METRIC, EventTopic, about)
         return self._opened.setdefault(name, metric or Metric(name, topic, self._readback))
 
     def list(self) -> list[str]:

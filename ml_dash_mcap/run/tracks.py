@@ -7,11 +7,12 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Generic, Literal, TypeVar, overload
 
+from ..capture.topic_registry import TopicAbout
 from ..errors import EntryNotFoundError, FieldError, RangeError
 from ..file_names import TRACK
 from ..formats.writers import render
 from ..meaning.annotations import NOTHING_SAID, collect
-from ..recorder import Recorder
+from ..recorder import Recorder, open_topic
 from ..rows.result_dicts import BytesFormat, Entries, Take
 from ..topic import Topic, check_topic
 from ..topic_reader import Columns, Json, Seconds
@@ -262,9 +263,8 @@ class Tracks(Generic[TrackT]):
             return track
         check_topic(topic)
         more = collect(units, joint_names, frame_id, quat_order)
-        track = self._recorder._open(
-            topic, TRACK, self._kind, description=description, tags=tags, metadata=metadata, more=more
-        )
+        about = TopicAbout(description=description, tags=tags, metadata=metadata, more=more)
+        track = open_topic(self._recorder, topic, TRACK, self._kind, about)
         track.bind(self._readback)
         self._opened[topic] = track
         return track

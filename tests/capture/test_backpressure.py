@@ -20,7 +20,7 @@ import pytest
 from ml_dash_mcap.capture import writer
 from ml_dash_mcap.errors import BacklogFullError, RecorderError, StorageError
 from ml_dash_mcap.options import RecorderOptions
-from ml_dash_mcap.recorder import Recorder
+from ml_dash_mcap.recorder import Recorder, open_topic
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.topic import EventTopic
 from tests.faulty_os import calls_go_through, fails
@@ -132,7 +132,7 @@ def test_with_raise_the_caller_hears_of_it_and_the_row_is_counted(tmp_path: Path
 
 def test_logs_and_parameters_wait_for_room_or_are_counted_like_rows(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, options("drop"))
-    metric = recorder._open("ml_dash/metrics/m", "metric", EventTopic)
+    metric = open_topic(recorder, "ml_dash/metrics/m", "metric", EventTopic)
     with a_disk_that_stands_still(tmp_path) as go_on:
         kept = sum(metric.add({"n": number, "fill": FILLER}) for number in range(50))
         waiting = threading.Thread(target=recorder.set_parameters, args=({f"p{n}": FILLER for n in range(3)},))

@@ -13,8 +13,9 @@ import pytest
 from mcap.reader import Summary
 from mcap.records import ChunkIndex
 
+from ml_dash_mcap.capture.topic_registry import TopicAbout
 from ml_dash_mcap.options import RecorderOptions
-from ml_dash_mcap.recorder import Recorder
+from ml_dash_mcap.recorder import Recorder, open_topic
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.topic import EventTopic
 from tests.support import disk
@@ -144,7 +145,9 @@ class Events(EventTopic):
 
 
 def log(recorder: Recorder, message: str) -> None:
-    recorder._open(LOG, "log", Events, schema=LOG_SCHEMA, schema_name="foxglove.Log").add({"message": message})
+    open_topic(recorder, LOG, "log", Events, TopicAbout(schema=LOG_SCHEMA, schema_name="foxglove.Log")).add(
+        {"message": message}
+    )
 
 
 @pytest.mark.parametrize("flushed", [False, True], ids=["in one block", "flushed before"])

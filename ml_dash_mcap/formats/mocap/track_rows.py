@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...capture.topic_registry import TopicAbout
 from ...clock import END_S
 from ...errors import ConversionWarning, ForeignFileError
 from ...file_names import MESSAGE
-from ...recorder import Recorder
+from ...recorder import Recorder, open_topic
 from ...topic import Topic
 from .. import foreign_names
 from ..registry import Progress
@@ -57,7 +58,8 @@ class Arrays:
                 self._present.setdefault(one.topic, set()).update(present[at])
             about.setdefault(one.topic, metadata.get(before.topic) or {})
         self._tracks = {
-            name: recorder._open(name, MESSAGE, Topic, metadata=about[name] or None) for name in self._topics
+            name: open_topic(recorder, name, MESSAGE, Topic, TopicAbout(metadata=about[name] or None))
+            for name in self._topics
         }
         self._skip_empty = skip_empty
 

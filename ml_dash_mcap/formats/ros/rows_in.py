@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import clock
+from ...capture.topic_registry import TopicAbout
 from ...codecs import decode
 from ...codecs.ros.unpack import unpack
 from ...errors import DamagedFileError
@@ -16,7 +17,7 @@ from ...file_names import MESSAGE, TRACK
 from ...mcap.message import Connection
 from ...mcap.records import Channel, Schema
 from ...query.time_order import TOLERANCE_NS
-from ...recorder import Recorder
+from ...recorder import Recorder, open_topic
 from ...rows.encode import TIME_KEY
 from ...suggestions import not_found
 from ...topic import MessageTopic
@@ -153,7 +154,8 @@ class Intake:
             "metadata": said.get("metadata") or None,
         }
         if said.get("kind", TRACK) != TRACK:
-            return self._own_messages(channel, message, self._recorder._open(name, MESSAGE, MessageTopic, **about))
+            messages = open_topic(self._recorder, name, MESSAGE, MessageTopic, TopicAbout(**about))
+            return self._own_messages(channel, message, messages)
         topic = self._recorder.topic(name, **about)
         definitions = lossless_definitions.describe(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
 
@@ -184,7 +186,7 @@ class Intake:
     def _foreign(self, channel: Connection) -> Callable[[Batch], None]:
         """Return what takes messages of others, each a row of its own."""
         decode_one: decode.Decoder | None = None
-        topic = self._recorder._open(channel.topic, MESSAGE, MessageTopic)
+        topic = open_topic(self._recorder, channel.topic, MESSAGE, MessageTopic)
 
         def add(batch: Batch) -> None:
             nonlocal decode_one

@@ -15,8 +15,9 @@ import numpy.typing as npt
 import orjson
 import pyarrow as pa
 
+from ...capture.topic_registry import TopicAbout
 from ...file_names import MESSAGE, TRACK
-from ...recorder import Recorder
+from ...recorder import Recorder, open_topic
 from ...rows import numpy_columns, packed
 from ...rows.dotted import FIELD_PREFIX
 from ...rows.encode import TIME_KEY
@@ -65,13 +66,12 @@ class OurTable:
         if isinstance(params, Mapping) and params:
             recorder.set_parameters(params)
         kind = TRACK if about.get("kind") == TRACK else MESSAGE  # which merges nothing, where nothing says what it was
-        return recorder._open(
+        return open_topic(
+            recorder,
             name,
             kind,
             Topic,
-            description=about.get("description"),
-            tags=about.get("tags") or None,
-            metadata=metadata or None,
+            TopicAbout(description=about.get("description"), tags=about.get("tags") or None, metadata=metadata or None),
         )
 
     def append(self, topic: Topic, times: npt.NDArray[np.float64], batch: pa.RecordBatch) -> None:

@@ -14,10 +14,11 @@ import numpy.typing as npt
 import orjson
 import pyarrow as pa
 
+from ...capture.topic_registry import TopicAbout
 from ...errors import ConversionWarning, ForeignFileError
 from ...file_names import MESSAGE
 from ...meaning.ros_units import UNITS
-from ...recorder import Recorder
+from ...recorder import Recorder, open_topic
 from ...rows import numpy_columns, typed_columns
 from ...rows.dotted import FIELD_PREFIX, free_names
 from ...rows.encode import EXACT_KEY, TIME_KEY
@@ -157,7 +158,7 @@ class _Foreign(_Intake):
         kept = [number for number in range(len(file.schema)) if number != at or not self._time.is_seconds]
         self._columns = dict(zip(_field_names([file.schema.names[number] for number in kept]), kept, strict=True))
         said = _said_of_table(file, self._columns, self._time, units)
-        self._topic = recorder._open(options.topic or name, MESSAGE, Topic, metadata=said)
+        self._topic = open_topic(recorder, options.topic or name, MESSAGE, Topic, TopicAbout(metadata=said))
         self._json = {name for name, at in self._columns.items() if typed_columns.is_json(file.schema.field(at))}
 
     def add(self, batch: pa.RecordBatch) -> None:

@@ -9,10 +9,11 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from ....capture.topic_registry import TopicAbout
 from ....errors import ForeignFileError
 from ....file_names import MESSAGE
 from ....meaning import space
-from ....recorder import Recorder
+from ....recorder import Recorder, open_topic
 from ....topic import Topic
 from ...registry import Progress
 from ...text.dialect import number
@@ -204,7 +205,7 @@ def _append_events(
         rows.append({**said, "_ts": when.origin + time + when.shift})
     if rows:
         about = {"vicon": {"section": "Events"}, **when.metadata}
-        recorder._open(_EVENTS_TOPIC, MESSAGE, Topic, metadata=about).append_batch(rows)
+        open_topic(recorder, _EVENTS_TOPIC, MESSAGE, Topic, TopicAbout(metadata=about)).append_batch(rows)
     return len(events) - len(rows)
 
 

@@ -13,9 +13,10 @@ import numpy as np
 import orjson
 import pyarrow as pa
 
+from ....capture.topic_registry import TopicAbout
 from ....errors import ConversionWarning, ForeignFileError, UsageError
 from ....file_names import MESSAGE
-from ....recorder import Recorder
+from ....recorder import Recorder, open_topic
 from ....rows.dotted import FIELD_PREFIX
 from ....rows.encode import EXACT_KEY, TIME_KEY
 from ....rows.json_text import restore
@@ -142,7 +143,7 @@ class _File:
         )
         name = table_files.topic_name(self._path, is_ours=self._is_ours)
         said = None if self._is_ours else {"source": self._path.name, "time_column": self._time.name}
-        return self._recorder._open(options.topic or name, MESSAGE, Topic, metadata=said)
+        return open_topic(self._recorder, options.topic or name, MESSAGE, Topic, TopicAbout(metadata=said))
 
     def _append(self, topic: Topic, numbered: list[tuple[int, dict[str, Any]]]) -> None:
         rows = [row for _, row in numbered]

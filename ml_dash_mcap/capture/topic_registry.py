@@ -1,0 +1,103 @@
+"""The topics of one recorder: each is registered once, with a number of its own."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import TopicError
+from ..file_names import TOPIC_RECORD
+from .channels import ChannelInfo
+from .journal import Journal
+from .metadata_texts import topic_texts, write_metadata
+
+_MAX_TOPICS = 65_535
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicAbout:
+    """What is told about a topic when it is opened."""
+
+    description: str | None = None
+    tags: Iterable[str] | None = None
+    metadata: Mapping[str, Any] | None = None
+    """Takes the place of what was told before."""
+    more: Mapping[str, Any] | None = None
+    """Is added to the metadata."""
+    schema: Mapping[str, Any] | None = None
+    """The JSON Schema of the rows; None to infer it."""
+    schema_name: str | None = None
+    """The name of the schema; None for the topic's name."""
+
+    @property
+    def is_description(self) -> bool:
+        """Whether anything but the schema is told."""
+        return any(entry is not None for entry in (self.description, self.tags, self.metadata)) or bool(self.more)
+
+
+class TopicRegistry:
+    """The open topics by kind and name. Any thread may call any method."""
+
+    def __init__(self, journal: Journal) -> None:
+        self.channels: dict[int, ChannelInfo] = {}
+        """The topics by number, from 1."""
+        self._journal = journal
+        self._topics: dict[tuple[str, str], Any] = {}
+        self._metadata: dict[tuple[str, str], dict[str, Any]] = {}
+        """The metadata of topics, by kind and name."""
+        self._numbers = itertools.count(1)
+        self._topics_lock = threading.RLock()
+        """Guards the dicts above while a topic is added."""
+
+    def get(self, kind: str, name: str) -> Any:
+        """Return an open topic, or None."""
+        return self._topics.get((kind, name))
+
+    def names(self, kind: str) -> list[str]:
+        """Return the names of the open topics of a kind, sorted."""
+        return sorted(name for topic_kind, name in list(self._topics) if topic_kind == kind)
+
+    def open(self, name: str, kind: str, make: Callable[[ChannelInfo], Any], about: TopicAbout) -> Any:
+        """Return a topic, registering it first if it is new; it may be described again later.
+
+        Args:
+            name: Checked.
+            kind: track, message, log, metric, file or episode.
+            make: Makes the topic's object.
+            about: What is told about it.
+
+        Raises:
+            StateError: The recorder is closed, or this is a forked child, and there is something to be written.
+        """
+        key = (kind, name)
+        if self._journal.is_shut:  # in a forked child the lock may be held by a thread of the parent, for ever
+            if key not in self._topics or about.is_description:
+                self._journal.check_open()
+            return self._topics[key]
+        with self._topics_lock:
+            texts = self._texts(key, about)
+            topic = self._topics.get(key)
+            is_new = topic is None
+            if is_new:
+                info = ChannelInfo(next(self._numbers), name, kind, texts, about.schema, about.schema_name)
+                if info.number > _MAX_TOPICS:
+                    raise TopicError(f"topic {name!r}: a recording holds {_MAX_TOPICS} topics, and has them")
+                self.channels[info.number] = info
+                self._journal.register(info.schema_record(None) + info.channel_record())
+                # a signal handler may have opened it meanwhile; then that one counts, and this number has no rows
+                topic = self._topics.setdefault(key, make(info))
+        if texts and not is_new:
+            write_metadata(self._journal, TOPIC_RECORD, {"topic": name, **texts})
+        return topic
+
+    def _texts(self, key: tuple[str, str], about: TopicAbout) -> dict[str, str]:
+        metadata = about.metadata
+        if about.more:
+            metadata = {**(metadata if metadata is not None else self._metadata.get(key, {})), **about.more}
+        texts = topic_texts(about.description, about.tags, metadata)
+        if metadata is not None:
+            self._metadata[key] = dict(metadata)
+        return texts
