@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 from ..mcap import chunk_table
@@ -75,6 +75,14 @@ def coalesce(located: Sequence[Located]) -> list[Span]:
         else:
             spans.append(Span(one.file, one.chunk.offset, one.end - one.chunk.offset, (one,)))
     return spans
+
+
+def ranges_by_file(spans: Iterable[Span]) -> dict[int, list[tuple[int, int]]]:
+    """Return for each file the ranges of its bytes that will be read, [start, end), in the order of reading."""
+    ranges: dict[int, list[tuple[int, int]]] = {}
+    for span in spans:
+        ranges.setdefault(span.file, []).append((span.offset, span.offset + span.length))
+    return ranges
 
 
 def _follows(one: Located, last: Span) -> bool:

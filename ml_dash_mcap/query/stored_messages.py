@@ -100,7 +100,9 @@ def _chunks(
         return StoredChunk(chunk, span[: chunk.length] if is_as_stored else b"", messages)
 
     def spans() -> Iterator[tuple[Located, bytes]]:
-        for span in plan.coalesce(in_file):
+        planned = plan.coalesce(in_file)
+        file.source.expect([(span.offset, span.offset + span.length) for span in planned])
+        for span in planned:
             data = file.read_span(span.offset, span.length)
             for one in span.chunks:
                 start = one.chunk.offset - span.offset

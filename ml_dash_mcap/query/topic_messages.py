@@ -144,6 +144,8 @@ def _cut(
     spans = plan.coalesce(topic.chunks(start_ns, end_ns))
 
     def jobs() -> Iterator[_Job]:
+        for number, ranges in plan.ranges_by_file(spans).items():
+            files[number].source.expect(ranges)
         for span in spans:
             file = files[span.file]
             data = memoryview(file.read_span(span.offset, span.length))

@@ -8,6 +8,7 @@ import stat
 import threading
 import weakref
 from collections import OrderedDict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -29,6 +30,9 @@ class Source(Protocol):
 
     def read(self, offset: int, length: int) -> bytes:
         """Return the bytes of [offset, offset + length); fewer only where the file ends before."""
+
+    def expect(self, ranges: Sequence[tuple[int, int]]) -> None:
+        """Take note of ranges, each [start, end), that will be read one after another: some may be fetched together."""
 
     def beside(self, name: str) -> bytes | None:
         """Return the bytes of another file in the same folder; None if there is none."""
@@ -88,6 +92,9 @@ class LocalFile:
             raise self._error(error) from error
         blocks = getattr(status, "st_blocks", None)  # of 512 bytes each, whatever the file system has; not on Windows
         return status.st_size if blocks is None else min(status.st_size, 512 * blocks)
+
+    def expect(self, ranges: Sequence[tuple[int, int]]) -> None:
+        """Do nothing: the system reads ahead."""
 
     def beside(self, name: str) -> bytes | None:
         """Return the bytes of another file in the same folder; None if there is none."""

@@ -13,14 +13,17 @@ from .store import ByteRange, Store, StoredObject
 _blocks = BlockCache(64 * 1024 * 1024)
 """Shared by all objects that are open, so that a recording of a thousand files is bounded too."""
 
+_AHEAD_BYTES = 8 * 1024 * 1024
+"""So much is fetched together of what is expected: one wait for the network instead of one a range."""
+
 _numbers = count()
 
 
 class ObjectSource:
     """One version of an object as a `Source`. Any thread may read from it.
 
-    A read shorter than a block fetches the blocks that hold it, and the first one fetches the object's first and last
-    block together: the magic, the header and the summary of most MCAP files. Longer reads fetch exactly what they want.
+    A read shorter than a block fetches the blocks that hold it. The first one fetches the object's first block and its
+    last 64 KiB along: the header and the summary of most MCAP files. Longer reads fetch exactly what they want.
     """
 
     def __init__(self, store: Store, stored: StoredObject) -> None:
@@ -32,7 +35,9 @@ class ObjectSource:
         """
         self._store = store
         self._stored = stored
-        self._owner = next(_numbers)
+        self._owner, self._ahead = next(_numbers), next(_numbers)
+        """What its blocks are kept under, and what was fetched ahead, by where it starts."""
+        self._expected: Sequence[ByteRange] = ()
         self._is_primed = False
         self._is_closed = False
 
@@ -74,12 +79,28 @@ class ObjectSource:
         end = min(offset + length, self._stored.size)
         if offset >= end:
             return b""
-        if end - offset >= BLOCK_BYTES:
-            return self._store.read_ranges(self._stored, [(offset, end)])[0]
+        if end - offset >= BLOCK_BYTES or (offset, end) in self._expected:
+            return self._exactly(offset, end)
         first, last = offset // BLOCK_BYTES, (end - 1) // BLOCK_BYTES
         blocks = self._kept(range(first, last + 1))
         joined = blocks[first] if first == last else blocks[first] + blocks[last]
         return joined[offset - first * BLOCK_BYTES : end - first * BLOCK_BYTES]
+
+    def expect(self, ranges: Sequence[ByteRange]) -> None:
+        """Take note of ranges that will be read one after another; the first one fetches some of the next along."""
+        self._expected = tuple(ranges)
+
+    def _exactly(self, start: int, end: int) -> bytes:
+        """Return the bytes of a range, fetched ahead or now, and then with those that are expected behind it."""
+        data = _blocks.get(self._ahead, [start]).get(start, b"")
+        if len(data) == end - start:
+            return data
+        expected = self._expected
+        at = expected.index((start, end)) if (start, end) in expected else len(expected)
+        wanted = [(start, end), *_first_of(expected[at + 1 :], _AHEAD_BYTES - (end - start))]
+        fetched = self._store.read_ranges(self._stored, wanted)
+        _blocks.put(self._ahead, {low: part for (low, _), part in zip(wanted[1:], fetched[1:], strict=True)})
+        return fetched[0]
 
     def _kept(self, numbers: Sequence[int]) -> dict[int, bytes]:
         """Return blocks by their numbers, after fetching those that are not kept."""
@@ -88,7 +109,8 @@ class ObjectSource:
         if not missing:
             return blocks
         if not self._is_primed:
-            missing |= {0, (self._stored.size - 1) // BLOCK_BYTES}
+            size = self._stored.size
+            missing |= {0, max(size - BLOCK_BYTES, 0) // BLOCK_BYTES, (size - 1) // BLOCK_BYTES}
         wanted = sorted(missing)
         fetched = self._store.read_ranges(self._stored, [_range(number) for number in wanted])
         self._is_primed = True
@@ -100,8 +122,20 @@ class ObjectSource:
         """Let go of what was read. May be called twice."""
         self._is_closed = True
         _blocks.forget(self._owner)
+        _blocks.forget(self._ahead)
 
 
 def _range(number: int) -> ByteRange:
     """Return where a block lies; the last one ends with its object."""
     return number * BLOCK_BYTES, (number + 1) * BLOCK_BYTES
+
+
+def _first_of(ranges: Sequence[ByteRange], most_bytes: int) -> Sequence[ByteRange]:
+    """Return the first ranges, as many as have no more bytes."""
+    total, number = 0, 0
+    for start, end in ranges:
+        total += end - start
+        if total > most_bytes:
+            break
+        number += 1
+    return ranges[:number]
