@@ -20,14 +20,13 @@ from typing import Any
 
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import RecorderError
-from ml_dash_mcap.mcap import chunk_reader as chunks
-from ml_dash_mcap.mcap import records, summary
+from ml_dash_mcap.mcap import chunk_bytes, records, summary
+from ml_dash_mcap.mcap.file_reader import McapFile
 from ml_dash_mcap.mcap.limits import DEFAULT
 from ml_dash_mcap.mcap.message_records import MESSAGE_FIELDS, MESSAGE_HEAD_BYTES
 from ml_dash_mcap.mcap.record_layout import Fields, split_records
 from ml_dash_mcap.mcap.records import Opcode
 from ml_dash_mcap.query import topic_messages
-from ml_dash_mcap.query.file import File
 
 Described = dict[str, Any]
 """A record as a description has it: its `type`, and its `fields` by name; numbers as text, bytes as lists of them."""
@@ -67,7 +66,7 @@ def _described(data: bytes, path: str, base: int) -> Iterator[Described]:
                 head.records_length,
                 head.uncompressed_size,
             )
-            yield from _described(chunks.unpack(record, chunk, path, DEFAULT), path, 0)
+            yield from _described(chunk_bytes.unpack(record, chunk, path, DEFAULT), path, 0)
         elif opcode != Opcode.MESSAGE_INDEX:
             values = _values(Opcode(opcode), fields, data[fields.start : fields.end])
             yield {"type": _NAMES[Opcode(opcode)], "fields": {name: plain(value) for name, value in values.items()}}
@@ -197,7 +196,7 @@ def _of_recording(path: Path, expected: list[Described]) -> Iterator[str]:
 
 
 def _of_messages(path: Path, expected: list[Described]) -> Iterator[str]:
-    file = File(path)
+    file = McapFile(path)
     try:
         topics = {one["id"]: one["topic"] for one in _of(expected, "Channel")}
         if {str(number): one.topic for number, one in file.index.channels.items()} != topics:

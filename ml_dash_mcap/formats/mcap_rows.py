@@ -8,13 +8,14 @@ import numpy as np
 
 from .. import clock
 from ..inspect import topic_schema
+from ..mcap import stored_messages
 from ..mcap.chunk_writer import build_block, compressor
 from ..mcap.file_writer import FileWriter
 from ..mcap.message import CHUNK_BYTES, Connection, MessageBlock
 from ..mcap.output import MemoryOutput
 from ..mcap.records import Channel
 from ..options import RecorderOptions
-from ..query import stored_messages, topic_messages, topic_rows
+from ..query import topic_messages, topic_rows
 from ..query.file import File
 from ..query.stored_topic import LAST_NS
 from ..query.topic_part import Row, TopicPart

@@ -9,6 +9,7 @@ from typing import Any
 import orjson
 
 from ..file_names import ABOUT_RECORD, PARAMETERS_RECORD, RUN_RECORD
+from ..mcap import audit
 from ..query.file import File
 
 
@@ -42,7 +43,7 @@ def parameters(files: Sequence[File]) -> dict[str, Any]:
 
 def spans(files: Sequence[File]) -> list[tuple[int, int]]:
     """Return the first and last log time, in ns, of each file that has messages."""
-    return [span for span in (file.span() for file in files) if span is not None]
+    return [span for span in (audit.span(file) for file in files) if span is not None]
 
 
 def _from_json(text: str) -> Any:

@@ -11,11 +11,10 @@ import numpy.typing as npt
 
 from ..errors import DamagedFileError
 from ..file_names import ABOUT_RECORD, KIND_KEY, TRACK
-from ..mcap import chunk_table
-from ..mcap.chunk_reader import Contents, Messages
+from ..mcap import audit, chunk_table
+from ..mcap.chunk_messages import ChunkContents, Messages
 from ..mcap.file_index import replanned
 from ..mcap.records import Chunk
-from ..query import true_records
 from ..query.file import File
 from ..query.stored_topic import LAST_NS
 from ..store import read_ahead
@@ -120,7 +119,7 @@ def _parts(file: File, topics: Collection[str], damage: list[DamagedFileError]) 
 def _parts_of_all(file: File, topics: Collection[str], damage: list[DamagedFileError]) -> list[_Part]:
     """Do the same as `_parts`, and audit the file."""
     try:
-        found = true_records.audit(file, lambda chunk, contents: _times(contents))
+        found = audit.audit(file, lambda chunk, contents: _times(contents))
     except DamagedFileError as error:
         damage.append(error)
         return []
@@ -141,7 +140,7 @@ def _parts_of_all(file: File, topics: Collection[str], damage: list[DamagedFileE
     return parts
 
 
-def _times(contents: Contents) -> dict[int, _Times]:
+def _times(contents: ChunkContents) -> dict[int, _Times]:
     return {
         channel_id: _Times(found.offsets, found.times_ns, found.sequences)
         for channel_id, found in contents.messages.items()

@@ -140,7 +140,7 @@ def check(chunk: Chunk, path: str, at: int, data_end: int) -> None:
     Raises:
         DamagedFileError: It points outside the data section, or to message indexes that do not lie behind the chunk.
     """
-    behind = chunk.end + chunk.message_index_length
+    behind = chunk.indexes_end
     if not (len(records.MAGIC) <= chunk.offset and behind <= data_end):
         raise DamagedFileError(path, at, "a chunk index that points outside the data section")
     for offset in chunk.message_index_offsets.values():

@@ -25,6 +25,12 @@ _INDEX_BYTES = PREFIX_BYTES + MESSAGE_INDEX_HEAD.size
 
 _LAST = 2**64 - 1
 
+GAP_BYTES = 64 * 1024
+"""Neighbours that lie at most this far apart are read together, in bytes: skipping would cost more."""
+
+SPAN_BYTES = 2 * 1024 * 1024
+"""What is read together stops growing beyond this many bytes, which bounds a reader's memory."""
+
 
 @dataclass(frozen=True, slots=True)
 class Alike:
@@ -182,6 +188,23 @@ def holding(
             yield at, chunk
 
 
+def is_read_with(chunk: Chunk, start: int, end: int) -> bool:
+    """Whether a chunk and its message indexes are read together with the bytes of [start, end) before it."""
+    return 0 <= chunk.offset - end <= GAP_BYTES and chunk.indexes_end - start <= SPAN_BYTES
+
+
+def read_together(chunks: Iterable[Chunk]) -> Iterator[list[Chunk]]:
+    """Yield chunks, which are in the order of the file, in groups that are each read at once."""
+    group: list[Chunk] = []
+    for chunk in chunks:
+        if group and not is_read_with(chunk, group[0].offset, group[-1].indexes_end):
+            yield group
+            group = []
+        group.append(chunk)
+    if group:
+        yield group
+
+
 def channels(chunks: Sequence[Chunk]) -> set[int]:
     """Return the ids of all channels that a chunk has a message index of."""
     if isinstance(chunks, ChunkTable):
@@ -194,7 +217,7 @@ def places(chunks: Sequence[Chunk]) -> tuple[npt.NDArray[np.uint64], npt.NDArray
     if isinstance(chunks, ChunkTable):
         start = chunks.numbers["offset"]
         return start, start + chunks.numbers["length"] + chunks.numbers["index_bytes"]
-    ends = [chunk.end + chunk.message_index_length for chunk in chunks]
+    ends = [chunk.indexes_end for chunk in chunks]
     return np.array([chunk.offset for chunk in chunks], np.uint64), np.array(ends, np.uint64)
 
 
@@ -234,7 +257,7 @@ def counts(chunks: Sequence[Chunk]) -> dict[int, int] | None:
 
 def add_counts(total: npt.NDArray[np.int64], chunk: Chunk) -> None:
     """Add how many messages each channel has in a chunk to `total`, [65536]."""
-    ends = [*sorted(chunk.message_index_offsets.values()), chunk.end + chunk.message_index_length]
+    ends = [*sorted(chunk.message_index_offsets.values()), chunk.indexes_end]
     length = {start: end - start for start, end in pairwise(ends)}
     for channel_id, start in chunk.message_index_offsets.items():
         total[channel_id] += max(length.get(start, 0) - _INDEX_BYTES, 0) // ENTRY_BYTES

@@ -60,7 +60,7 @@ class FileContents:
         entry = chunk.placed(at)
         self.chunks.append(entry)
         self.count(chunk.counts)
-        return entry.end + entry.message_index_length
+        return entry.indexes_end
 
     def count(self, counts: Mapping[int, int]) -> None:
         """Take in how many messages more there are of each channel."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..errors import DamagedFileError
 from ..store.file_source import Source
-from . import file_index, records, scan, summary, trailing_bytes
+from . import file_index, records, scan, summary
 from .file_index import FileIndex, Glance
 from .limits import Limits
 from .losses import Loss
@@ -17,6 +17,9 @@ from .records import Header, Opcode
 
 _HEAD_BYTES = 4096
 _MOST_HEADER_BYTES = 1024 * 1024
+
+_LOOKED_AT_BYTES = 1024 * 1024
+"""So much of what lies behind the end of a file is looked at: it belongs to nothing, or to another file."""
 
 
 def glance(source: Source, limits: Limits, *, is_new: bool) -> Glance | None:
@@ -61,10 +64,10 @@ def load(
     if started is None:
         return file_index.empty(source.name)
     header, losses = _header(started, source.name, salvages)
-    how = partial(scan.Walk, source, header=header, limits=limits, is_new=is_new, salvages=salvages)
+    how = partial(scan.FileScan, source, header=header, limits=limits, is_new=is_new, salvages=salvages)
     found = _indexed(how(size), started.end, previous)
     if isinstance(found, int):  # the file ends there, before its last byte
-        losses = (*losses, trailing_bytes.look(source, found, size))
+        losses = (*losses, _trailing_bytes(source, found, size))
         found = _indexed(how(found), started.end, None)
         assert not isinstance(found, int)
     return replace(found, losses=(*losses, *found.losses))
@@ -82,7 +85,7 @@ def by_walking(source: Source, limits: Limits, known: FileIndex) -> FileIndex:
     found = summary.footer(source, known.size)
     if started is None or found is None:
         return known
-    how = scan.Walk(source, known.size, known.header, limits, salvages=True)
+    how = scan.FileScan(source, known.size, known.header, limits, salvages=True)
     return how.finished(started.end, summary.clues(source, known.size, found, limits))
 
 
@@ -96,7 +99,7 @@ def _header(content: Fields, path: str, salvages: bool) -> tuple[Header, tuple[L
         return Header("", ""), (Loss(Path(path), error.offset, f"the file's header: {error.what}", 0),)
 
 
-def _indexed(how: scan.Walk, first: int, previous: FileIndex | None) -> FileIndex | int:
+def _indexed(how: scan.FileScan, first: int, previous: FileIndex | None) -> FileIndex | int:
     """Return the index of a file, or where it ends, if bytes lie behind its end."""
     source, size, limits = how.source, how.size, how.limits
     found = summary.footer(source, size)
@@ -137,3 +140,22 @@ def _start(source: Source, size: int, is_new: bool) -> Fields | None:
             return None
         raise DamagedFileError(source.name, at, "an MCAP file without a header")
     return Fields(head, source.name, 0, at + PREFIX_BYTES, end)
+
+
+def _trailing_bytes(source: Source, end: int, size: int) -> Loss:
+    """Say which bytes lie behind the end of a file.
+
+    Args:
+        source: The file.
+        end: Where its closing magic ends, in bytes.
+        size: How long it is; more than that.
+    """
+    data = source.read(end, min(size - end, _LOOKED_AT_BYTES))
+    path, left = Path(source.name), f"{size - end} bytes lie behind the file's end, byte {end}"
+    second = data.find(records.MAGIC)
+    if second >= 0:
+        what = f"{left}: a second MCAP file starts at byte {end + second}, which is not read (cut it out to read it)"
+        return Loss(path, end + second, what, None)
+    if not any(data):
+        return Loss(path, end, f"{left}: zeros", 0)
+    return Loss(path, end, f"{left}: what they are is not known, and they are not read", None)

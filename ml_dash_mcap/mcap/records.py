@@ -113,6 +113,11 @@ class Chunk:
         """Where the record ends."""
         return self.offset + self.length
 
+    @property
+    def indexes_end(self) -> int:
+        """Where the message indexes behind the chunk end."""
+        return self.end + self.message_index_length
+
 
 @dataclass(frozen=True, slots=True)
 class ChunkHead:

@@ -9,15 +9,13 @@ from pathlib import Path
 
 from ..errors import DamagedFileError
 from ..store.file_source import Source
-from . import chunk_reader as chunks
-from . import over_limits, records
+from . import chunk_bytes, chunk_messages, records
 from .file_index import FileIndex
 from .limits import Limits
 from .losses import Loss
-from .moving_window import Window
 from .record_layout import PREFIX_BYTES, read_prefix
 from .records import Chunk, Header, Opcode
-from .scan_result import Walked
+from .scanned_records import ScannedRecords, Window
 from .summary import Clues
 
 _NOT_BEHIND_DATA = {Opcode.HEADER, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END}
@@ -26,7 +24,7 @@ _NOT_BEHIND_DATA = {Opcode.HEADER, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_
 _DATA_END_BYTES = PREFIX_BYTES + 4
 
 
-class Walk:
+class FileScan:
     """One walk over a file. One thread uses it, once.
 
     Chunks are stepped over by their length, and looked into where nothing else says what is in them.
@@ -52,7 +50,7 @@ class Walk:
         self._is_new = is_new
         self.salvages = salvages
         self._window = Window(source, size, limits)
-        self._walked = Walked(self._window)
+        self._walked = ScannedRecords(self._window)
         self._end = 0
         self._has_data_end = False
         self._losses: list[Loss] = []
@@ -218,13 +216,14 @@ class Walk:
     def _look_into(self, position: int) -> None:
         chunk, name = self._walked.chunks[position], self.source.name
         try:
-            chunks.check_size(chunk, name, self.limits)
-            data = chunks.unpack(self.source.read(chunk.offset, chunk.length), chunk, name, self.limits)
-        except chunks.LimitError:
+            chunk_bytes.check_size(chunk, name, self.limits)
+            data = chunk_bytes.unpack(self.source.read(chunk.offset, chunk.length), chunk, name, self.limits)
+        except chunk_bytes.LimitError:
             if not self.salvages:
                 raise
-            data = over_limits.read(self.source, chunk, self.limits).data  # whoever reads the chunk says what is lost
-        self._walked.learn(position, chunks.scan(data, chunk, name))
+            # Whoever reads the chunk says what is lost.
+            data = chunk_bytes.read_fitting(self.source, chunk, self.limits).data
+        self._walked.learn(position, chunk_messages.scan(data, chunk, name))
 
     def _note_missing_end(self) -> None:
         if self._has_data_end:

@@ -70,7 +70,7 @@ def read(source: Source, size: int, header: Header, found: Footer, limits: Limit
         raise DamagedFileError(source.name, start, "the file was cut while its summary was read")
     if found.summary_crc and crc32(memoryview(data)[:-4]) != found.summary_crc:
         raise DamagedFileError(source.name, start, "a summary whose checksum (CRC-32) does not match its content")
-    contents = Contents(source.name)
+    contents = SummaryContents(source.name)
     contents.take(memoryview(data)[: end - start], start)
     contents.chunks = contents.indexes.chunks(start)
     contents.check_apart(start)
@@ -90,7 +90,7 @@ def glance(source: Source, size: int, header: Header, found: Footer, limits: Lim
         return None
     if end - start <= _SMALL_BYTES or end - groups_at > _SMALL_BYTES:
         return None
-    contents = Contents(source.name)
+    contents = SummaryContents(source.name)
     try:
         groups = _groups(memoryview(source.read(groups_at, end - groups_at)), source.name, groups_at)
         wanted = {opcode: place for opcode, *place in groups if opcode != Opcode.CHUNK_INDEX}
@@ -115,14 +115,14 @@ def glance(source: Source, size: int, header: Header, found: Footer, limits: Lim
     )
 
 
-def contents(source: Source, size: int, found: Footer, limits: Limits) -> Contents:
+def read_all(source: Source, size: int, found: Footer, limits: Limits) -> SummaryContents:
     """Return everything that a summary says, true or not.
 
     Raises:
         DamagedFileError: It cannot be parsed, or its checksum does not match.
     """
     start, end = found.summary_start, size - _TAIL_BYTES
-    said = Contents(source.name)
+    said = SummaryContents(source.name)
     if not _is_plausible(found, size, limits):
         raise DamagedFileError(source.name, end, "the footer says that it starts where it cannot")
     data = source.read(start, size - len(records.MAGIC) - start)
@@ -165,7 +165,7 @@ def clues(source: Source, size: int, found: Footer, limits: Limits) -> Clues:
     if not _is_plausible(found, size, limits):
         return Clues([], None)
     start = found.summary_start
-    contents = Contents(source.name)
+    contents = SummaryContents(source.name)
     with suppress(DamagedFileError):
         contents.take(memoryview(source.read(start, size - _TAIL_BYTES - start)), start)
     places = {entry.offset for entries in (contents.metadata, contents.attachments) for entry in entries}
@@ -192,7 +192,7 @@ Entry = TypeVar("Entry", MetadataEntry, AttachmentEntry)
 
 
 @dataclass(slots=True)
-class Contents:
+class SummaryContents:
     """What the records of a summary say."""
 
     path: str

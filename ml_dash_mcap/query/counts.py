@@ -10,6 +10,7 @@ import numpy.typing as npt
 from .. import clock
 from ..codecs.decode import Decoder, Row
 from ..errors import DamagedFileError, EncodingError
+from ..mcap import audit
 from ..mcap.file_index import replanned
 from ..mcap.message_records import MESSAGE_HEAD_BYTES
 from ..rows.encode import TIME_KEY
@@ -31,7 +32,7 @@ def count(topic: StoredTopic) -> int:
     indexes know; and only times of the first 97 days, where two doubles can share a nanosecond, need the payloads.
     """
     for file in topic.files:
-        file.settle()
+        audit.settle(file)
     total = sum(file.index.message_counts.get(channel.id, 0) for file, channel in topic.channels)
     if not topic.is_track:
         return total
@@ -108,7 +109,7 @@ def time_range(topic: StoredTopic) -> tuple[float | None, float | None]:
 def first(topic: StoredTopic) -> tuple[float | None, Row | None]:
     """Return the time stamp of a topic's first row, in s, and the row; None without one, or if it cannot be decoded."""
     for file in topic.files:
-        file.survey_few()
+        audit.survey_few(file)
     time_ns = topic.first_ns()
     if time_ns is None:
         return None, None

@@ -9,12 +9,6 @@ from ..mcap import chunk_table
 from ..mcap.file_index import FileIndex
 from ..mcap.records import Chunk
 
-GAP_BYTES = 64 * 1024
-"""Neighbours that lie at most this far apart are read together, in bytes: skipping would cost more."""
-
-SPAN_BYTES = 2 * 1024 * 1024
-"""A span stops growing beyond this many bytes, which bounds a reader's memory."""
-
 
 @dataclass(frozen=True, slots=True)
 class Located:
@@ -29,7 +23,7 @@ class Located:
     @property
     def end(self) -> int:
         """Where the chunk and its message indexes end."""
-        return self.chunk.end + self.chunk.message_index_length
+        return self.chunk.indexes_end
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +80,7 @@ def ranges_by_file(spans: Iterable[Span]) -> dict[int, list[tuple[int, int]]]:
 
 
 def _follows(one: Located, last: Span) -> bool:
-    gap = one.chunk.offset - (last.offset + last.length)
-    return one.file == last.file and 0 <= gap <= GAP_BYTES and one.end - last.offset <= SPAN_BYTES
+    return one.file == last.file and chunk_table.is_read_with(one.chunk, last.offset, last.offset + last.length)
 
 
 def spans(

@@ -9,7 +9,8 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from ..mcap.chunk_reader import Messages
+from ..mcap import audit
+from ..mcap.chunk_messages import Messages
 from ..mcap.file_index import ReindexedError
 from ..mcap.records import Channel, Chunk
 from ..store import read_ahead
@@ -110,7 +111,7 @@ def cut(
     """
     if start_ns <= 0 and end_ns >= LAST_NS:
         for file in topic.files:
-            file.survey()
+            audit.survey(file)
     done: set[tuple[int, int]] = set()
     while True:
         try:

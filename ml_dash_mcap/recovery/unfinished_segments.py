@@ -10,14 +10,14 @@ import numpy as np
 
 from ..errors import DamagedFileError
 from ..file_names import ABOUT_RECORD, ACTIVE_SUFFIX, BLOCK_OPCODE, SEGMENT_SUFFIX, STEPS_RECORD
-from ..mcap import chunk_reader as read_chunk
+from ..mcap import chunk_messages
 from ..mcap.file_index import FileIndex
+from ..mcap.file_reader import McapFile
 from ..mcap.file_writer import FileContents
 from ..mcap.message_records import MessageIndex, index_entries, pack_message_index
 from ..mcap.record_layout import PREFIX_BYTES, Fields, read_prefix
 from ..mcap.records import BLOCK_END, CHANNEL, MAGIC, SCHEMA, Chunk, Opcode, Schema
 from ..mcap.segment import Segment
-from ..query.file import File
 from ..query.stored_topic import LAST_NS
 
 
@@ -40,7 +40,7 @@ def unfinished(folder: Path, session: str, stamp: str) -> Iterable[Path]:
 def _run_of(path: Path) -> str | None:
     """Return which session wrote a segment; None where it does not say."""
     try:
-        file = File(path)
+        file = McapFile(path)
     except DamagedFileError:
         return None
     try:
@@ -57,7 +57,7 @@ def finish(path: Path, journaled: Collection[int]) -> Path:
         path: The segment.
         journaled: Numbers of the blocks that can be written again: what a crash left of the chunks of one is cut off.
     """
-    file = File(path)
+    file = McapFile(path)
     try:
         index = file.index
         torn = _torn_schemas(file)
@@ -74,7 +74,7 @@ def finish(path: Path, journaled: Collection[int]) -> Path:
         rebuilt: dict[int, bytes] = {}
         size = index.end if len(chunks) == len(index.chunks) else index.chunks[kept].offset
         if last is not None and not last.indexed:
-            scan = read_chunk.scan(file.unpack(last), last, file.source.name)
+            scan = chunk_messages.scan(file.unpack(last), last, file.source.name)
             rebuilt = {number: _message_index(found) for number, found in scan.indexes.items()}
             contents.count(scan.counts)
             size = last.end
@@ -87,12 +87,12 @@ def finish(path: Path, journaled: Collection[int]) -> Path:
     return segment.finish()
 
 
-def _whole_blocks(file: File) -> tuple[int, int]:
+def _whole_blocks(file: McapFile) -> tuple[int, int]:
     """Return how many blocks a session has up to the last whole one in a file, and how many of its chunks those are."""
     chunks = file.index.chunks
     for number in range(len(chunks), 0, -1):
         chunk = chunks[number - 1]
-        at = chunk.end + chunk.message_index_length
+        at = chunk.indexes_end
         opcode, length = read_prefix(file.source.read(at, PREFIX_BYTES).ljust(PREFIX_BYTES, b"\0"), 0)
         if chunk.indexed and (opcode, length) == (BLOCK_OPCODE, 8):
             content = file.source.read(at + PREFIX_BYTES, length)
@@ -104,7 +104,7 @@ def _whole_blocks(file: File) -> tuple[int, int]:
 
 def torn_chunk_bytes(path: Path) -> int:
     """Return how many bytes there are of a chunk that the end of a file cuts; 0 if none is cut."""
-    file = File(path)
+    file = McapFile(path)
     try:
         end, size = file.index.end, file.source.size()
         is_cut = not file.index.finished and end < size
@@ -113,7 +113,7 @@ def torn_chunk_bytes(path: Path) -> int:
         file.close()
 
 
-def _torn_schemas(file: File) -> dict[int, int]:
+def _torn_schemas(file: McapFile) -> dict[int, int]:
     """Return where those schemas lie, by id, that a crash cut while they were rewritten in place."""
     torn = {number for number, schema in file.index.schemas.items() if not _is_json(schema)}
     found: dict[int, int] = {}
@@ -168,7 +168,7 @@ def written_so_far(folder: Path, session: str) -> tuple[int, dict[str, int]]:
     blocks, rows = 0, dict[str, int]()
     for path in sorted(folder.glob(f"*{SEGMENT_SUFFIX}"), reverse=True):
         try:
-            file = File(path)
+            file = McapFile(path)
         except DamagedFileError:
             continue
         try:
@@ -200,7 +200,7 @@ def last_times(folder: Path, session: str, rows: Mapping[str, int]) -> dict[str,
         if wanted <= found.keys():
             break
         try:
-            file = File(path)
+            file = McapFile(path)
         except DamagedFileError:
             continue
         try:
@@ -213,11 +213,11 @@ def last_times(folder: Path, session: str, rows: Mapping[str, int]) -> dict[str,
     return found
 
 
-def _run_named(file: File) -> str | None:
+def _run_named(file: McapFile) -> str | None:
     return next((record.values.get("run") for record in file.metadata() if record.name == ABOUT_RECORD), None)
 
 
-def _last_times_of(file: File, wanted: Collection[str], rows: Mapping[str, int]) -> dict[str, int]:
+def _last_times_of(file: McapFile, wanted: Collection[str], rows: Mapping[str, int]) -> dict[str, int]:
     """Return the same of one file, for some topics; unpacks the last chunk of each.
 
     Where rows merged, the last row in the file may not be the last one that was appended. Then the block has a record

@@ -3,6 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ml_dash_mcap.mcap import chunk_table
 from ml_dash_mcap.mcap.file_index import FileIndex
 from ml_dash_mcap.mcap.records import Chunk, Header
 from ml_dash_mcap.query import plan
@@ -18,11 +19,11 @@ def indexes(draw):
     for _ in range(draw(st.integers(0, 3))):
         chunks, at = [], 8
         for _ in range(draw(st.integers(0, 6))):
-            at += draw(st.sampled_from([0, 1, plan.GAP_BYTES, plan.GAP_BYTES + 1]))
+            at += draw(st.sampled_from([0, 1, chunk_table.GAP_BYTES, chunk_table.GAP_BYTES + 1]))
             times = sorted(draw(st.tuples(st.integers(0, 50), st.integers(0, 50))))
             channels = draw(st.sets(st.integers(1, 3)))
             is_indexed = draw(st.booleans())
-            length = draw(st.integers(1, plan.SPAN_BYTES))
+            length = draw(st.integers(1, chunk_table.SPAN_BYTES))
             offsets = dict.fromkeys(channels, at + length) if is_indexed else {}
             chunks.append(
                 Chunk(at, length, *times, "", 0, 0, offsets, 40, indexed=is_indexed and bool(offsets), counts=None)
@@ -63,10 +64,10 @@ def test_chunks_come_by_start_time_and_those_of_one_time_in_the_order_of_writing
 
 def test_neighbours_are_read_together_and_distant_chunks_apart():
     near = Chunk(1000, 100, 1, 2, "", 0, 0, indexed=False)
-    next_ = Chunk(1100 + plan.GAP_BYTES, 100, 3, 4, "", 0, 0, indexed=False)
-    far = Chunk(1201 + 2 * plan.GAP_BYTES, 100, 5, 6, "", 0, 0, indexed=False)
+    next_ = Chunk(1100 + chunk_table.GAP_BYTES, 100, 3, 4, "", 0, 0, indexed=False)
+    far = Chunk(1201 + 2 * chunk_table.GAP_BYTES, 100, 5, 6, "", 0, 0, indexed=False)
     found = [(span.offset, span.length) for span in plan.spans([index_of(near, next_, far)], [None], 0, 10)]
-    assert found == [(1000, 200 + plan.GAP_BYTES), (far.offset, 100)]
+    assert found == [(1000, 200 + chunk_table.GAP_BYTES), (far.offset, 100)]
 
 
 def test_a_topic_that_a_file_does_not_have_costs_nothing():

@@ -16,9 +16,10 @@ from ...codecs.decode import DIGEST_KEYS
 from ...codecs.ros import distros
 from ...errors import ConversionError, ConversionWarning
 from ...file_names import ABOUT_RECORD, BAG_RECORD
+from ...mcap import stored_messages
 from ...mcap.message import CHUNK_BYTES, Connection, MessageBlock, Payload
 from ...mcap.records import Metadata
-from ...query import stored_messages, topic_rows
+from ...query import topic_rows
 from ...query.file import File
 from ..export_job import Job
 from .bag_information import BagInformation

@@ -8,10 +8,10 @@ from pathlib import Path
 from ....codecs.ros import distros
 from ....errors import DamagedFileError
 from ....file_names import BAG_RECORD
+from ....mcap import stored_messages
+from ....mcap.file_reader import McapFile
 from ....mcap.limits import DEFAULT, Limits
 from ....mcap.message import CHUNK_BYTES, Connection, MessageBlock
-from ....query import stored_messages
-from ....query.file import File
 from ..bag_contents import unpacked
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -46,7 +46,7 @@ class McapBag:
         self._salvages = salvages
         self._shown = shown or path
         self._lost: list[str] = []
-        self.file = File(path, limits, salvages=salvages)
+        self.file = McapFile(path, limits, salvages=salvages)
         index = self.file.index
         if not index.finished and not salvages:
             self.file.close()

@@ -13,13 +13,13 @@ import zstandard
 
 from ....codecs.decode import DIGEST_KEYS
 from ....codecs.ros import distros
+from ....mcap import stored_messages
 from ....mcap.chunk_writer import Compressor, PackedChunk, build_block, compressor, pack
 from ....mcap.file_writer import FileWriter
 from ....mcap.message import CHUNK_BYTES, Connection, MessageBlock
 from ....mcap.message_records import MESSAGE_HEAD_BYTES, index_entries, message_heads
 from ....mcap.output import FileOutput
 from ....options import RecorderOptions
-from ....query import stored_messages
 from ....query.file import File
 from ..bag_plan import Outlet
 from ..carry_out import foreign_metadata

@@ -9,7 +9,7 @@ import pytest
 import zstandard
 
 from ml_dash_mcap.errors import DamagedFileError
-from ml_dash_mcap.mcap import chunk_reader as chunks
+from ml_dash_mcap.mcap import chunk_bytes, chunk_messages
 from ml_dash_mcap.mcap.limits import DEFAULT, Limits
 from ml_dash_mcap.mcap.message_records import MessageIndex
 from ml_dash_mcap.mcap.records import LOOSE, Chunk
@@ -39,7 +39,7 @@ def entry(compression: str = "", packed: int = len(RAW), size: int = len(RAW)) -
 def unpack(packed: bytes, compression: str, limits: Limits = DEFAULT, *, size: int = len(RAW), **how: int) -> bytes:
     """Unpack a chunk with an index that agrees with it."""
     data = record(packed, compression, size=size, **how)
-    return chunks.unpack(data, entry(compression, len(packed), size), "file.mcap", limits)
+    return chunk_bytes.unpack(data, entry(compression, len(packed), size), "file.mcap", limits)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_a_checksum_of_0_means_that_there_is_none():
 
 
 def test_messages_outside_chunks_are_taken_as_they_are():
-    assert chunks.unpack(RAW, entry(LOOSE), "file.mcap", DEFAULT) == RAW
+    assert chunk_bytes.unpack(RAW, entry(LOOSE), "file.mcap", DEFAULT) == RAW
 
 
 @pytest.mark.parametrize(
@@ -83,20 +83,20 @@ def test_a_chunk_that_contradicts_itself_is_refused(packed, compression, how, wh
 @pytest.mark.parametrize("data", [record(RAW, "")[:-1], b""])
 def test_what_is_no_chunk_is_refused(data):
     with pytest.raises(DamagedFileError, match="none does"):
-        chunks.unpack(data, entry(), "file.mcap", DEFAULT)
+        chunk_bytes.unpack(data, entry(), "file.mcap", DEFAULT)
 
 
 @pytest.mark.parametrize("index", [entry("zstd"), entry(size=5), entry(packed=5)])
 def test_a_chunk_counts_more_than_its_index_and_what_that_says_wrongly_is_noted(index):
     notes: list[str] = []
-    assert chunks.unpack(record(RAW, ""), index, "file.mcap", DEFAULT, notes.append) == RAW
+    assert chunk_bytes.unpack(record(RAW, ""), index, "file.mcap", DEFAULT, notes.append) == RAW
     assert len(notes) == 1
 
 
 def test_a_chunk_whose_index_makes_it_small_is_held_against_the_limits_all_the_same():
     large = record(RAW, "", size=2 * 1024**3)
     with pytest.raises(DamagedFileError, match="limit"):
-        chunks.unpack(large, entry(), "file.mcap", DEFAULT)
+        chunk_bytes.unpack(large, entry(), "file.mcap", DEFAULT)
 
 
 @pytest.mark.parametrize(
@@ -133,18 +133,18 @@ def test_a_chunk_beyond_the_limit_is_refused():
 
 def test_a_chunk_is_refused_by_what_the_index_announces_before_it_is_read():
     with pytest.raises(DamagedFileError, match="the limit is"):
-        chunks.check_size(entry(size=2**63), "file.mcap", DEFAULT)
+        chunk_bytes.check_size(entry(size=2**63), "file.mcap", DEFAULT)
 
 
 def test_scanning_finds_the_messages_of_every_channel():
-    found = chunks.scan(RAW, entry(), "file.mcap")
+    found = chunk_messages.scan(RAW, entry(), "file.mcap")
     assert {channel: index.times_ns.tolist() for channel, index in found.indexes.items()} == {1: [10, 30], 2: [20]}
     assert found.counts == {1: 2, 2: 1}
 
 
 def test_gathering_cuts_out_what_the_index_points_to():
-    index = chunks.scan(RAW, entry(), "file.mcap").indexes[1]
-    found = chunks.gather(RAW, index, entry(), "file.mcap")
+    index = chunk_messages.scan(RAW, entry(), "file.mcap").indexes[1]
+    found = chunk_messages.gather(RAW, index, entry(), "file.mcap")
     assert found.payloads == [b"{}", b'{"a":1}']
     assert found.times_ns.tolist() == found.published_ns.tolist() == [10, 30]
     assert found.sequences.tolist() == [9, 9]
@@ -156,20 +156,20 @@ def test_gathering_cuts_out_what_the_index_points_to():
 def test_an_index_that_points_elsewhere_is_refused(channel, time, offset):
     index = MessageIndex(channel, np.array([time], np.uint64), np.array([offset], np.uint64))
     with pytest.raises(DamagedFileError, match="message index"):
-        chunks.gather(RAW, index, entry(), "file.mcap")
+        chunk_messages.gather(RAW, index, entry(), "file.mcap")
 
 
 def test_a_message_whose_length_leaves_the_chunk_is_refused():
     data = struct.pack("<BQHIQQ", 5, 2**63, 1, 0, 10, 10)
     index = MessageIndex(1, np.array([10], np.uint64), np.array([0], np.uint64))
     with pytest.raises(DamagedFileError, match="message index"):
-        chunks.gather(data, index, entry(), "file.mcap")
+        chunk_messages.gather(data, index, entry(), "file.mcap")
 
 
 def test_an_index_that_points_to_one_message_twice_is_refused():
     index = MessageIndex(1, np.array([10, 10], np.uint64), np.array([0, 0], np.uint64))
     with pytest.raises(DamagedFileError, match="message index"):
-        chunks.gather(RAW, index, entry(), "file.mcap")
+        chunk_messages.gather(RAW, index, entry(), "file.mcap")
 
 
 def test_messages_that_lie_in_each_other_are_refused():
@@ -177,15 +177,15 @@ def test_messages_that_lie_in_each_other_are_refused():
     data = message(1, 10, inner)
     index = MessageIndex(1, np.array([20, 10], np.uint64), np.array([31, 0], np.uint64))
     with pytest.raises(DamagedFileError, match="message index"):
-        chunks.gather(data, index, entry(), "file.mcap")
+        chunk_messages.gather(data, index, entry(), "file.mcap")
 
 
 @pytest.mark.parametrize(("times", "within"), [([10, 30], True), ([10, 31], False), ([9, 30], False), ([], True)])
 def test_messages_lie_within_their_chunks_time_or_not(times, within):
     index = MessageIndex(1, np.array(times, np.uint64), np.zeros(len(times), np.uint64))
-    assert chunks.are_within(index, entry()) is within
+    assert chunk_messages.are_within(index, entry()) is within
 
 
 def test_both_ends_of_a_time_range_are_included():
     index = MessageIndex(1, np.array([10, 20, 30], np.uint64), np.array([0, 1, 2], np.uint64))
-    assert chunks.within(index, 10, 20).times_ns.tolist() == [10, 20]
+    assert chunk_messages.within(index, 10, 20).times_ns.tolist() == [10, 20]

@@ -1,32 +1,22 @@
-"""From a chunk's bytes to its messages."""
+"""The messages in a chunk's uncompressed records: found by its message indexes, or by walking its records."""
 
 from __future__ import annotations
 
 import struct
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from zlib import crc32
 
 import numpy as np
 import numpy.typing as npt
 
 from ..errors import DamagedFileError
 from . import records
-from .limits import Limits, of_file
 from .message_records import MESSAGE_FIXED_BYTES, MESSAGE_HEAD, MESSAGE_HEAD_BYTES, MessageIndex
-from .record_layout import PREFIX_BYTES, Bytes, Fields, read_prefix, record_at
-from .records import Chunk, ChunkHead, Opcode
+from .record_layout import PREFIX_BYTES, Bytes, record_at
+from .records import Chunk, Opcode
 
 _MESSAGE_START = struct.Struct("<BQH4xQ")
-
-
-class LimitError(DamagedFileError):
-    """A chunk would take more memory than the limits allow; the message says which to raise, and to what."""
-
-
-class NoChunkError(DamagedFileError):
-    """Where an index says that a chunk starts, none does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +59,7 @@ class Messages:
 
 
 @dataclass(frozen=True, slots=True)
-class Scan:
+class ChunkScan:
     """What walking a chunk's own records brings to light."""
 
     schemas: Mapping[int, records.Schema]
@@ -82,103 +72,12 @@ class Scan:
         return {channel_id: len(index.offsets) for channel_id, index in self.indexes.items()}
 
 
-def check_size(chunk: Chunk, path: str, limits: Limits) -> None:
-    """Refuse a chunk that would take too much memory, by what is announced, before anything of it is read.
-
-    Raises:
-        DamagedFileError: It is beyond the limits.
-    """
-    size, packed = chunk.uncompressed_size, chunk.compressed_size
-    if max(size, chunk.length - limits.record_bytes) > limits.chunk_bytes:
-        largest = max(size, chunk.length)
-        what = f"a chunk of {largest} bytes; the limit is {limits.chunk_bytes} (Limits.chunk_bytes)"
-        raise LimitError(path, chunk.offset, f"{what}; limits=Limits(chunk_bytes={largest}) reads it")
-    allowed = of_file(limits, 0).any_ratio_bytes or 0
-    if size > allowed and size > limits.ratio * packed:
-        what = f"a chunk that unpacks {packed} bytes to {size}; the limit is {limits.ratio} times (Limits.ratio)"
-        what = f"{what} beyond {allowed} bytes (Limits.any_ratio_bytes)"
-        raise LimitError(path, chunk.offset, f"{what}; limits=Limits(any_ratio_bytes={size}) reads it")
-
-
-def unpack(
-    record: Bytes, chunk: Chunk, path: str, limits: Limits, note: Callable[[str], None] = lambda what: None
-) -> bytes:
-    """Return a chunk's records, uncompressed and checked.
-
-    Args:
-        record: The whole Chunk record (or, for loose messages, just these).
-        chunk: What the index says about it.
-        path: The file, for error messages.
-        limits: Checked before memory is taken.
-        note: Called with what the index says wrongly; the chunk itself counts.
-
-    Raises:
-        DamagedFileError: The record is no chunk, contradicts itself, is beyond the limits, or its CRC does not match.
-    """
-    check_size(chunk, path, limits)
-    if chunk.compression == records.LOOSE:
-        return bytes(record)
-    opcode, length = read_prefix(record, 0) if len(record) >= PREFIX_BYTES else (0, 0)
-    if opcode != Opcode.CHUNK or length != len(record) - PREFIX_BYTES:
-        raise NoChunkError(path, chunk.offset, "the index says that a chunk starts here, but none does")
-    fields = Fields(record, path, chunk.offset, PREFIX_BYTES)
-    head = records.CHUNK_HEAD.read(fields)
-    if head.records_length > len(record) - fields.at:  # a later version may add fields behind them
-        raise DamagedFileError(path, chunk.offset, "a chunk whose content is longer than its record")
-    said = (chunk.compression, chunk.compressed_size, chunk.uncompressed_size)
-    true = (head.compression, head.records_length, head.uncompressed_size)
-    if true != said:
-        note(f"the chunk's index says (compression, compressed and uncompressed bytes) {said}, the chunk {true}")
-        check_size(replace(chunk, compressed_size=true[1], uncompressed_size=true[2]), path, limits)
-    packed = memoryview(record)[fields.at : fields.at + head.records_length]
-    data = _decompress(packed, head, path, chunk.offset)
-    if len(data) != head.uncompressed_size:
-        raise DamagedFileError(
-            path, chunk.offset, f"a chunk of {len(data)} bytes that announces {head.uncompressed_size} bytes"
-        )
-    if head.uncompressed_crc and crc32(data) != head.uncompressed_crc:
-        raise DamagedFileError(path, chunk.offset, "a chunk whose checksum (CRC-32) does not match its content")
-    return data
-
-
-def _decompress(packed: memoryview, head: ChunkHead, path: str, offset: int) -> bytes:
-    if head.compression == "":
-        return bytes(packed)
-    try:
-        if head.compression == "zstd":
-            return _unpack_zstd(packed, head.uncompressed_size)
-        if head.compression == "lz4":
-            return _unpack_lz4(packed, head.uncompressed_size)
-    except Exception as error:  # each decompressor has its own error types, some of them plain RuntimeErrors
-        raise DamagedFileError(path, offset, f"a chunk that cannot be uncompressed: {error}") from error
-    raise DamagedFileError(path, offset, f"a chunk with the unknown compression {head.compression!r}")
-
-
-def _unpack_zstd(packed: memoryview, size: int) -> bytes:
-    import zstandard
-
-    announced = zstandard.frame_content_size(packed)
-    if announced not in (-1, size):  # the decompressor believes the frame, whatever max_output_size says
-        raise ValueError(f"its frame announces {announced} bytes, the chunk {size}")
-    if size == 0:
-        return b""
-    return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
-
-
-def _unpack_lz4(packed: memoryview, size: int) -> bytes:
-    import lz4.frame
-
-    decompressor = lz4.frame.LZ4FrameDecompressor()
-    data: bytes = decompressor.decompress(packed, max_length=size + 1)
-    return data
-
-
-def scan(data: bytes, chunk: Chunk, path: str) -> Scan:
+def scan(data: bytes, chunk: Chunk, path: str) -> ChunkScan:
     """Walk a chunk's own records: for chunks without a message index, and for channels that stand inside."""
     return _scan(data, chunk, path, [(0, len(data))])
 
 
-def _scan(data: bytes, chunk: Chunk, path: str, stretches: Iterable[tuple[int, int]]) -> Scan:
+def _scan(data: bytes, chunk: Chunk, path: str, stretches: Iterable[tuple[int, int]]) -> ChunkScan:
     """Walk the records that lie in some stretches of a chunk, each from where to where."""
     schemas: dict[int, records.Schema] = {}
     channels: dict[int, records.Channel] = {}
@@ -188,7 +87,7 @@ def _scan(data: bytes, chunk: Chunk, path: str, stretches: Iterable[tuple[int, i
             _scan_stretch(memoryview(data)[:end], start, path, schemas, channels, entries)
     except DamagedFileError as error:
         raise DamagedFileError(path, chunk.offset, f"a chunk with damaged records ({error})") from error
-    return Scan(schemas, channels, {one: _message_index(one, found) for one, found in entries.items()})
+    return ChunkScan(schemas, channels, {one: _message_index(one, found) for one, found in entries.items()})
 
 
 def _scan_stretch(
@@ -217,7 +116,7 @@ def _scan_stretch(
 
 
 @dataclass(frozen=True, slots=True)
-class Contents:
+class ChunkContents:
     """What a chunk holds, by its own records."""
 
     messages: Mapping[int, Messages]
@@ -235,11 +134,33 @@ class Contents:
     @property
     def span(self) -> tuple[int, int] | None:
         """The first and the last log time, in ns; None without messages."""
-        times = [found.times_ns for found in self.messages.values() if len(found)]
-        return (min(int(one.min()) for one in times), max(int(one.max()) for one in times)) if times else None
+        times = [messages.times_ns for messages in self.messages.values() if len(messages)]
+        return (min(int(part.min()) for part in times), max(int(part.max()) for part in times)) if times else None
+
+    def corrected(self, chunk: Chunk) -> Chunk:
+        """Return what is true of the chunk; without message indexes if those behind it are wrong."""
+        start_ns, end_ns = self.span or (chunk.start_ns, chunk.end_ns)
+        is_indexed = chunk.indexed and self.is_indexed
+        return replace(chunk, start_ns=start_ns, end_ns=end_ns, counts=self.counts, indexed=is_indexed)
+
+    def differences(self, chunk: Chunk) -> Iterator[tuple[str, str]]:
+        """Yield what the file's index says wrongly of the chunk: a key that tells the fault from others, and words."""
+        span = self.span
+        if span is not None and span != (chunk.start_ns, chunk.end_ns):
+            yield (
+                "times",
+                f"the chunk is said to have log times from {chunk.start_ns} to {chunk.end_ns} ns,"
+                f" but they go from {span[0]} to {span[1]} ns",
+            )
+        missing = sorted(self.counts.keys() - chunk.message_index_offsets.keys())
+        if chunk.message_index_offsets and missing:
+            yield "message index", f"the chunk has no message index of channels {missing}, of which it has messages"
+        elif chunk.message_index_offsets and not (chunk.indexed and self.is_indexed):
+            what = "the message indexes behind the chunk do not say where all its messages lie, and when"
+            yield "message index", what
 
 
-def contents(data: bytes, indexes: Sequence[MessageIndex] | None, chunk: Chunk, path: str) -> Contents:
+def contents(data: bytes, indexes: Sequence[MessageIndex] | None, chunk: Chunk, path: str) -> ChunkContents:
     """Return all that a chunk holds: fast where its message indexes are right, and without them otherwise.
 
     Args:
@@ -256,12 +177,12 @@ def contents(data: bytes, indexes: Sequence[MessageIndex] | None, chunk: Chunk, 
             messages = {one.channel_id: gather(data, one, chunk, path) for one in indexes}
             scanned = _scan(data, chunk, path, _gaps(data, list(messages.values())))
             if not scanned.indexes:
-                return Contents(messages, scanned.schemas, scanned.channels, is_indexed=True)
+                return ChunkContents(messages, scanned.schemas, scanned.channels, is_indexed=True)
         except ValueError:  # a DamagedFileError too: the records themselves will tell
             pass
     scanned = scan(data, chunk, path)
     messages = {one.channel_id: gather(data, one, chunk, path) for one in scanned.indexes.values()}
-    return Contents(messages, scanned.schemas, scanned.channels, is_indexed=False)
+    return ChunkContents(messages, scanned.schemas, scanned.channels, is_indexed=False)
 
 
 def _gaps(data: bytes, messages: Sequence[Messages]) -> Iterator[tuple[int, int]]:
@@ -341,6 +262,28 @@ def gather(data: bytes, index: MessageIndex, chunk: Chunk, path: str) -> Message
         ends=ends,
         data=data,
     )
+
+
+def gather_each(
+    data: bytes, indexes: Iterable[MessageIndex], chunk: Chunk, path: str, start_ns: int, end_ns: int
+) -> list[Messages]:
+    """Cut out the messages of some channels that lie in [start_ns, end_ns]; channels without any get nothing.
+
+    Raises:
+        DamagedFileError: An index contradicts the chunk, or messages share bytes.
+    """
+    gathered: list[Messages] = []
+    room = len(data)
+    for index in indexes:
+        wanted = within(index, start_ns, end_ns)
+        if not len(wanted.offsets):
+            continue
+        messages = gather(data, wanted, chunk, path)
+        room -= int((messages.ends - messages.offsets).sum())
+        if room < 0:
+            raise DamagedFileError(path, chunk.offset, "a chunk whose messages lie in each other")
+        gathered.append(messages)
+    return gathered
 
 
 def _heads(

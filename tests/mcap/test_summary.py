@@ -14,9 +14,9 @@ from mcap.writer import CompressionType, Writer
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import DamagedFileError
 from ml_dash_mcap.mcap import chunk_indexes, chunk_table, records
+from ml_dash_mcap.mcap.file_reader import McapFile
 from ml_dash_mcap.mcap.record_layout import split_records
 from ml_dash_mcap.mcap.records import SUMMARY_OFFSET, Chunk, Opcode
-from ml_dash_mcap.query.file import File
 from tests.support import raw
 from tests.support.examples import examples
 
@@ -192,7 +192,7 @@ def test_a_long_file_opens_without_its_chunk_indexes(long_file):
 
 
 def test_what_is_known_at_a_glance_is_what_the_index_says(long_file):
-    file = File(long_file)
+    file = McapFile(long_file)
     glance = file.glance
     assert glance == file.index.glance()
     assert file.glance == glance
@@ -215,7 +215,7 @@ def damaged(long_file: Path, tmp_path: Path, at: int) -> Path:
 def test_a_long_file_whose_index_turns_out_to_be_damaged_is_walked(long_file, tmp_path):
     start, offsets_at = footer_of(long_file.read_bytes())
     path = damaged(long_file, tmp_path, (start + offsets_at) // 2)
-    expected = File(long_file).index
+    expected = McapFile(long_file).index
     for on_damage in ("raise", "skip"):
         with Recording(path, on_damage=on_damage) as rec:
             assert bytes_read(rec) < 10_000  # nobody knows yet
@@ -230,7 +230,7 @@ def test_a_long_file_whose_index_and_data_are_damaged_is_an_error_whenever_it_is
     start, offsets_at = footer_of(long_file.read_bytes())
     path = damaged(long_file, tmp_path, (start + offsets_at) // 2)
     data = bytearray(path.read_bytes())
-    tenth = File(long_file).index.chunks[10]
+    tenth = McapFile(long_file).index.chunks[10]
     data[tenth.offset + 1 : tenth.offset + 9] = b"\xff" * 8
     path.write_bytes(data)
     with Recording(path) as rec:

@@ -10,8 +10,7 @@ from pathlib import Path
 
 from ..errors import DamagedFileError
 from ..store.file_source import Source
-from . import chunk_reader as chunks
-from . import over_limits, records
+from . import chunk_bytes, chunk_messages, records
 from .limits import Limits
 from .losses import Loss, Losses
 from .message_records import ENTRY_BYTES, MessageIndex, read_message_index
@@ -28,7 +27,7 @@ _HEAD_BYTES = 4096
 _Key = tuple[int, int]
 
 
-class Unpacking:
+class FileChunks:
     """Unpacks chunks and finds messages in them. Any thread may call it."""
 
     def __init__(
@@ -81,7 +80,7 @@ class Unpacking:
             return kept
         try:
             data = self._unpacked(chunk, record)
-        except chunks.LimitError as error:
+        except chunk_bytes.LimitError as error:
             if self._topic_of is None or chunk.compression == records.LOOSE:
                 raise
             data = self._around(chunk, error, self._topic_of)
@@ -94,17 +93,17 @@ class Unpacking:
     def _unpacked(self, chunk: Chunk, record: Bytes | None) -> bytes:
         name = self._source.name
         if record is None:
-            chunks.check_size(chunk, name, self._limits)
+            chunk_bytes.check_size(chunk, name, self._limits)
             record = self._source.read(chunk.offset, chunk.length)
-        return chunks.unpack(
+        return chunk_bytes.unpack(
             record, chunk, name, self._limits, lambda what: self._losses.note(name, chunk.offset, what)
         )
 
-    def _around(self, chunk: Chunk, error: chunks.LimitError, topic_of: Callable[[int], str]) -> bytes:
+    def _around(self, chunk: Chunk, error: chunk_bytes.LimitError, topic_of: Callable[[int], str]) -> bytes:
         """Return the records of a chunk that is over the limits, but for the messages that do not fit."""
         name = self._source.name
-        rest = over_limits.read(self._source, chunk, self._limits)
-        scanned = chunks.scan(rest.data, chunk, name)
+        rest = chunk_bytes.read_fitting(self._source, chunk, self._limits)
+        scanned = chunk_messages.scan(rest.data, chunk, name)
         count: int | None = sum(rest.lost.values())
         if not rest.is_whole:
             known = self._announced(chunk)
@@ -140,8 +139,8 @@ class Unpacking:
         if self._topic_of is None or chunk.compression == records.LOOSE:
             return False
         try:
-            chunks.check_size(chunk, self._source.name, self._limits)
-        except chunks.LimitError:
+            chunk_bytes.check_size(chunk, self._source.name, self._limits)
+        except chunk_bytes.LimitError:
             return True
         return self.is_partial(chunk)
 
@@ -154,7 +153,7 @@ class Unpacking:
         with self._kept_lock:
             found = self._scanned.get(_key(chunk))
         if found is None:
-            found = chunks.scan(self.records(chunk), chunk, self._source.name).indexes
+            found = chunk_messages.scan(self.records(chunk), chunk, self._source.name).indexes
             with self._kept_lock:
                 if _key(chunk) in self._kept:
                     self._scanned[_key(chunk)] = found
@@ -181,7 +180,7 @@ class Unpacking:
         """
         offset = chunk.message_index_offsets.get(channel_id)
         if offset is None:
-            return chunks.no_messages(channel_id)
+            return chunk_messages.no_messages(channel_id)
         room = self._room(chunk, offset)
         name = self._source.name
         if span is None:
@@ -207,7 +206,7 @@ class Unpacking:
             edges = sorted(chunk.message_index_offsets.values())
             self._edges = (chunk, edges)
         after = bisect_right(edges, offset)
-        return (edges[after] if after < len(edges) else chunk.end + chunk.message_index_length) - offset
+        return (edges[after] if after < len(edges) else chunk.indexes_end) - offset
 
     def _read_record(self, offset: int, room: int) -> bytes:
         """Read the record that starts at `offset`; `room` bytes are the most that it can have."""

@@ -8,13 +8,16 @@ from dataclasses import replace
 
 from ..errors import DamagedFileError
 from ..file_names import BLOCK_OPCODE
+from ..store.file_source import Source
 from . import records
-from .chunk_reader import Scan
+from .chunk_messages import ChunkScan
 from .file_index import FileIndex
+from .limits import Limits, too_long
 from .message_records import ENTRY_BYTES, MESSAGE_FIELDS, MESSAGE_FIXED_BYTES, MESSAGE_INDEX_HEAD
-from .moving_window import Window
-from .record_layout import PREFIX_BYTES, read_prefix
+from .record_layout import PREFIX_BYTES, Fields, read_prefix
 from .records import AttachmentEntry, Channel, Chunk, MetadataEntry, Opcode, Schema
+
+_WINDOW_BYTES = 16 * 1024
 
 _LOOSE_BYTES = 4 * 1024 * 1024
 """Messages outside chunks are taken together up to this many bytes."""
@@ -29,7 +32,58 @@ _IN_DATA = {
 }
 
 
-class Walked:
+class Window:
+    """Gives a file's bytes, reading some more than it is asked for. One thread uses it."""
+
+    def __init__(self, source: Source, size: int, limits: Limits) -> None:
+        """Begin anywhere.
+
+        Args:
+            source: The file.
+            size: Where it ends, in bytes; what is appended meanwhile is left alone.
+            limits: For what is read at once.
+        """
+        self.source = source
+        self.size = size
+        self._limits = limits
+        self._data = b""
+        self._at = 0
+
+    def bytes(self, at: int, length: int) -> bytes:
+        """Return the bytes of [at, at + length).
+
+        Raises:
+            DamagedFileError: They are not there any more.
+        """
+        offset = at - self._at
+        if offset < 0 or offset + length > len(self._data):
+            self._data = self.source.read(at, min(max(length, _WINDOW_BYTES), self.size - at))
+            self._at = at
+            offset = 0
+            if len(self._data) < length:
+                raise DamagedFileError(self.source.name, at, "the file was cut while it was read")
+        return self._data[offset : offset + length]
+
+    def content(self, at: int, length: int, *, at_most: int | None = None) -> Fields:
+        """Return the content of a record, or only its first bytes.
+
+        Args:
+            at: Where the record starts.
+            length: Of its content.
+            at_most: How many bytes of it are wanted; None for all.
+
+        Raises:
+            DamagedFileError: It is beyond the limits.
+        """
+        if at_most is not None:
+            length = min(length, at_most)
+        if length > self._limits.record_bytes:
+            raise DamagedFileError(self.source.name, at, too_long("a record", length, self._limits))
+        start = at + PREFIX_BYTES
+        return Fields(self.bytes(start, length), self.source.name, start)
+
+
+class ScannedRecords:
     """Chunks and everything else that was come across.
 
     The last chunk's maps grow in place; those of chunks before it stay as they are.
@@ -97,7 +151,7 @@ class Walked:
                 raise DamagedFileError(self._window.source.name, at, "an attachment that is longer than its record")
             self.attachments.append(found)
         is_known = opcode in _IN_DATA or (opcode, length) == (BLOCK_OPCODE, 8)
-        if not is_known and self.chunks and at == _behind(self.chunks[-1]):
+        if not is_known and self.chunks and at == self.chunks[-1].indexes_end:
             self.doubt()  # it may have been a message index
 
     def doubt(self) -> None:
@@ -108,7 +162,7 @@ class Walked:
                 last, message_index_offsets={}, message_index_length=0, indexed=False, counts=None
             )
 
-    def learn(self, position: int, found: Scan) -> None:
+    def learn(self, position: int, found: ChunkScan) -> None:
         """Take in what walking a chunk's own records brought to light.
 
         Args:
@@ -210,7 +264,7 @@ class Walked:
         if last is None or last.compression == records.LOOSE:
             return
         is_doubted = last.message_index_offsets is not self._offsets
-        if is_doubted or at != _behind(last) or channel_id in self._offsets:
+        if is_doubted or at != last.indexes_end or channel_id in self._offsets:
             self.doubt()
             return
         self._offsets[channel_id] = at
@@ -240,11 +294,6 @@ class Walked:
             compressed_size=last.length + total,
             uncompressed_size=last.length + total,
         )
-
-
-def _behind(chunk: Chunk) -> int:
-    """Return where a chunk and the message indexes found so far end."""
-    return chunk.end + chunk.message_index_length
 
 
 def _settled(chunk: Chunk) -> Chunk:

@@ -1,9 +1,12 @@
-"""What is left of a chunk that is over the limits: its records as a stream, without those that take too much memory."""
+"""From a Chunk record to its uncompressed records, within the limits on memory.
+
+A chunk that is over the limits is refused by `unpack`; `read_fitting` streams it, and keeps the records that fit.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from zlib import crc32
 
 from ..errors import DamagedFileError
@@ -11,7 +14,7 @@ from ..store.file_source import Source
 from . import records
 from .limits import MIB, Limits, of_file
 from .message_records import MESSAGE_FIXED_BYTES
-from .record_layout import PREFIX_BYTES, Fields, read_prefix
+from .record_layout import PREFIX_BYTES, Bytes, Fields, read_prefix
 from .records import Chunk, ChunkHead, Opcode
 
 _PIECE = MIB
@@ -23,8 +26,107 @@ _MOST_WINDOW = 64 * MIB
 _KEPT = frozenset((Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE))
 
 
+class LimitError(DamagedFileError):
+    """A chunk would take more memory than the limits allow; the message says which to raise, and to what."""
+
+
+class NoChunkError(DamagedFileError):
+    """Where an index says that a chunk starts, none does."""
+
+
+def check_size(chunk: Chunk, path: str, limits: Limits) -> None:
+    """Refuse a chunk that would take too much memory, by what is announced, before anything of it is read.
+
+    Raises:
+        DamagedFileError: It is beyond the limits.
+    """
+    size, packed = chunk.uncompressed_size, chunk.compressed_size
+    if max(size, chunk.length - limits.record_bytes) > limits.chunk_bytes:
+        largest = max(size, chunk.length)
+        what = f"a chunk of {largest} bytes; the limit is {limits.chunk_bytes} (Limits.chunk_bytes)"
+        raise LimitError(path, chunk.offset, f"{what}; limits=Limits(chunk_bytes={largest}) reads it")
+    allowed = of_file(limits, 0).any_ratio_bytes or 0
+    if size > allowed and size > limits.ratio * packed:
+        what = f"a chunk that unpacks {packed} bytes to {size}; the limit is {limits.ratio} times (Limits.ratio)"
+        what = f"{what} beyond {allowed} bytes (Limits.any_ratio_bytes)"
+        raise LimitError(path, chunk.offset, f"{what}; limits=Limits(any_ratio_bytes={size}) reads it")
+
+
+def unpack(
+    record: Bytes, chunk: Chunk, path: str, limits: Limits, note: Callable[[str], None] = lambda what: None
+) -> bytes:
+    """Return a chunk's records, uncompressed and checked.
+
+    Args:
+        record: The whole Chunk record (or, for loose messages, just these).
+        chunk: What the index says about it.
+        path: The file, for error messages.
+        limits: Checked before memory is taken.
+        note: Called with what the index says wrongly; the chunk itself counts.
+
+    Raises:
+        DamagedFileError: The record is no chunk, contradicts itself, is beyond the limits, or its CRC does not match.
+    """
+    check_size(chunk, path, limits)
+    if chunk.compression == records.LOOSE:
+        return bytes(record)
+    opcode, length = read_prefix(record, 0) if len(record) >= PREFIX_BYTES else (0, 0)
+    if opcode != Opcode.CHUNK or length != len(record) - PREFIX_BYTES:
+        raise NoChunkError(path, chunk.offset, "the index says that a chunk starts here, but none does")
+    fields = Fields(record, path, chunk.offset, PREFIX_BYTES)
+    head = records.CHUNK_HEAD.read(fields)
+    if head.records_length > len(record) - fields.at:  # a later version may add fields behind them
+        raise DamagedFileError(path, chunk.offset, "a chunk whose content is longer than its record")
+    said = (chunk.compression, chunk.compressed_size, chunk.uncompressed_size)
+    true = (head.compression, head.records_length, head.uncompressed_size)
+    if true != said:
+        note(f"the chunk's index says (compression, compressed and uncompressed bytes) {said}, the chunk {true}")
+        check_size(replace(chunk, compressed_size=true[1], uncompressed_size=true[2]), path, limits)
+    packed = memoryview(record)[fields.at : fields.at + head.records_length]
+    data = _decompress(packed, head, path, chunk.offset)
+    if len(data) != head.uncompressed_size:
+        raise DamagedFileError(
+            path, chunk.offset, f"a chunk of {len(data)} bytes that announces {head.uncompressed_size} bytes"
+        )
+    if head.uncompressed_crc and crc32(data) != head.uncompressed_crc:
+        raise DamagedFileError(path, chunk.offset, "a chunk whose checksum (CRC-32) does not match its content")
+    return data
+
+
+def _decompress(packed: memoryview, head: ChunkHead, path: str, offset: int) -> bytes:
+    if head.compression == "":
+        return bytes(packed)
+    try:
+        if head.compression == "zstd":
+            return _unpack_zstd(packed, head.uncompressed_size)
+        if head.compression == "lz4":
+            return _unpack_lz4(packed, head.uncompressed_size)
+    except Exception as error:  # each decompressor has its own error types, some of them plain RuntimeErrors
+        raise DamagedFileError(path, offset, f"a chunk that cannot be uncompressed: {error}") from error
+    raise DamagedFileError(path, offset, f"a chunk with the unknown compression {head.compression!r}")
+
+
+def _unpack_zstd(packed: memoryview, size: int) -> bytes:
+    import zstandard
+
+    announced = zstandard.frame_content_size(packed)
+    if announced not in (-1, size):  # the decompressor believes the frame, whatever max_output_size says
+        raise ValueError(f"its frame announces {announced} bytes, the chunk {size}")
+    if size == 0:
+        return b""
+    return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+
+
+def _unpack_lz4(packed: memoryview, size: int) -> bytes:
+    import lz4.frame
+
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    data: bytes = decompressor.decompress(packed, max_length=size + 1)
+    return data
+
+
 @dataclass(frozen=True, slots=True)
-class Rest:
+class FittingRecords:
     """What is left of a chunk."""
 
     data: bytes
@@ -35,7 +137,7 @@ class Rest:
     """Whether it was looked at up to its end, and so its checksum verified."""
 
 
-def read(source: Source, chunk: Chunk, limits: Limits) -> Rest:
+def read_fitting(source: Source, chunk: Chunk, limits: Limits) -> FittingRecords:
     """Read what fits of a chunk that is over the limits.
 
     Args:
@@ -71,21 +173,21 @@ def read(source: Source, chunk: Chunk, limits: Limits) -> Rest:
     return rest
 
 
-def _walk(stream: _Stream, room: int) -> Rest:
+def _walk(stream: _Stream, room: int) -> FittingRecords:
     """Keep the records that fit into `room` bytes, in the order in which they lie."""
     kept = bytearray()
     lost: dict[int, int] = {}
     for _ in range(MOST_RECORDS):
         start = stream.take(PREFIX_BYTES)
         if len(start) < PREFIX_BYTES:
-            return Rest(bytes(kept), lost, stream.is_at_end and not start)
+            return FittingRecords(bytes(kept), lost, stream.is_at_end and not start)
         opcode, length = read_prefix(start, 0)
         if opcode == 0:  # "0x00 is not a valid opcode"
             raise DamagedFileError("", 0, "a chunk with damaged records (one with the opcode 0)")
         if opcode in _KEPT and len(kept) + len(start) + length <= room:
             body = stream.take(length)
             if len(body) < length:
-                return Rest(bytes(kept), lost, is_whole=False)
+                return FittingRecords(bytes(kept), lost, is_whole=False)
             kept += start
             kept += body
             continue
@@ -96,8 +198,8 @@ def _walk(stream: _Stream, room: int) -> Rest:
             lost[channel_id] = lost.get(channel_id, 0) + 1
             length -= 2
         if not stream.skip(length):
-            return Rest(bytes(kept), lost, is_whole=False)
-    return Rest(bytes(kept), lost, is_whole=False)
+            return FittingRecords(bytes(kept), lost, is_whole=False)
+    return FittingRecords(bytes(kept), lost, is_whole=False)
 
 
 class _Stream:

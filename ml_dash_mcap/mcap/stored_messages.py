@@ -7,16 +7,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..mcap.chunk_reader import Messages
-from ..mcap.file_index import ReindexedError
-from ..mcap.message import Connection, MessageBlock
-from ..mcap.message_records import MESSAGE_HEAD_BYTES
-from ..mcap.records import LOOSE, AttachmentEntry, Chunk
 from ..store import read_ahead
-from . import attachments as found_attachments
-from . import plan
-from .file import File
-from .plan import Located
+from . import attachment_records, audit, chunk_table
+from .chunk_messages import Messages
+from .file_index import ReindexedError
+from .file_reader import McapFile
+from .message import Connection, MessageBlock
+from .message_records import MESSAGE_HEAD_BYTES
+from .records import LOOSE, AttachmentEntry, Chunk
 
 _MOST_BYTES = 4 << 20
 _MOST_MESSAGES = 16384
@@ -38,7 +36,7 @@ class StoredChunk(NamedTuple):
     """Those of each channel, by their offsets in the chunk's records."""
 
 
-def channels(file: File) -> dict[int, Connection]:
+def channels(file: McapFile) -> dict[int, Connection]:
     """Return a file's channels, by their ids."""
     found = {}
     for number, channel in sorted(file.index.channels.items()):
@@ -49,15 +47,15 @@ def channels(file: File) -> dict[int, Connection]:
     return found
 
 
-def attachments(file: File) -> Iterator[tuple[Iterator[bytes], AttachmentEntry]]:
+def attachments(file: McapFile) -> Iterator[tuple[Iterator[bytes], AttachmentEntry]]:
     """Yield a file's Attachment records, each in pieces, with what an index says of it."""
-    for entry in found_attachments.entries(file):
+    for entry in attachment_records.entries(file):
         end = entry.offset + entry.length
         pieces = (file.source.read(at, min(_PIECE, end - at)) for at in range(entry.offset, end, _PIECE))
         yield pieces, entry
 
 
-def chunks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int = LAST_NS) -> Iterator[StoredChunk]:
+def chunks(file: McapFile, wanted: Collection[int], start_ns: int = 0, end_ns: int = LAST_NS) -> Iterator[StoredChunk]:
     """Yield the chunks that hold messages of some channels and of a time range, in the order of the file.
 
     Their bytes are verified. What is damaged raises, or is noted and left out where the file is to be salvaged.
@@ -72,7 +70,7 @@ def chunks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int =
         DamagedFileError: A chunk is damaged.
     """
     if start_ns <= 0 and end_ns >= LAST_NS:
-        file.survey()
+        audit.survey(file)
     done: set[int] = set()
     while True:
         try:
@@ -86,32 +84,32 @@ def chunks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int =
 
 
 def _chunks(
-    file: File, wanted: Collection[int], start_ns: int, end_ns: int, done: Collection[int]
+    file: McapFile, wanted: Collection[int], start_ns: int, end_ns: int, done: Collection[int]
 ) -> Iterator[StoredChunk]:
     """Do what `chunks` does by the index as it is now, but for the chunks that start at the places in `done`."""
-    located = plan.chunks([file.index], [wanted], start_ns, end_ns)
-    in_file = sorted((one for one in located if one.chunk.offset not in done), key=lambda one: one.chunk.offset)
+    held = chunk_table.holding(file.index.chunks, wanted, start_ns, end_ns)
+    in_file = sorted((chunk for _, chunk in held if chunk.offset not in done), key=lambda chunk: chunk.offset)
 
-    def cut(one: tuple[Located, bytes]) -> StoredChunk:
-        chunk, span = one[0].chunk, one[1]
+    def cut(chunk_and_span: tuple[Chunk, bytes]) -> StoredChunk:
+        chunk, span = chunk_and_span
         present = [number for number in wanted if not chunk.indexed or number in chunk.message_index_offsets]
         messages = file.cut(chunk, present, start_ns, end_ns, memoryview(span))
         is_as_stored = chunk.compression != LOOSE and not file.is_partial(chunk)
         return StoredChunk(chunk, span[: chunk.length] if is_as_stored else b"", messages)
 
-    def spans() -> Iterator[tuple[Located, bytes]]:
-        planned = plan.coalesce(in_file)
-        file.source.expect([(span.offset, span.offset + span.length) for span in planned])
-        for span in planned:
-            data = file.read_span(span.offset, span.length)
-            for one in span.chunks:
-                start = one.chunk.offset - span.offset
-                yield one, data[start : one.end - span.offset]
+    def spans() -> Iterator[tuple[Chunk, bytes]]:
+        groups = list(chunk_table.read_together(in_file))
+        file.source.expect([(group[0].offset, group[-1].indexes_end) for group in groups])
+        for group in groups:
+            start = group[0].offset
+            data = file.read_span(start, group[-1].indexes_end - start)
+            for chunk in group:
+                yield chunk, data[chunk.offset - start : chunk.indexes_end - start]
 
-    return read_ahead.in_order(cut, spans(), weigh=lambda one: one[0].chunk.uncompressed_size)
+    return read_ahead.in_order(cut, spans(), weigh=lambda part: part[0].uncompressed_size)
 
 
-def blocks(file: File, wanted: Collection[int], start_ns: int = 0, end_ns: int = LAST_NS) -> Iterator[MessageBlock]:
+def blocks(file: McapFile, wanted: Collection[int], start_ns: int = 0, end_ns: int = LAST_NS) -> Iterator[MessageBlock]:
     """Yield the messages of some channels and of a time range, in the order of the file.
 
     The arguments and errors are those of `chunks`.

@@ -1,0 +1,283 @@
+"""What is true of a file by its own records, and what its indexes and statistics say wrongly."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ..errors import DamagedFileError
+from ..store import read_ahead
+from ..store.file_source import Source
+from . import load_index, records, summary
+from .chunk_messages import ChunkContents
+from .file_index import FileIndex
+from .file_reader import McapFile
+from .limits import Limits
+from .message_records import ENTRY_BYTES, MESSAGE_INDEX_HEAD
+from .record_layout import PREFIX_BYTES
+from .records import AttachmentEntry, Chunk, MetadataEntry, Opcode, Statistics
+
+Fault = tuple[int, str]
+"""Where in the file, and what, in words."""
+
+_OF_CHUNK = ("length", "start_ns", "end_ns", "compression", "compressed_size", "uncompressed_size")
+
+T = TypeVar("T")
+
+_FEW_CHUNKS = 256
+"""The message indexes of so many are read in some milliseconds."""
+
+_HEAD_BYTES = PREFIX_BYTES + MESSAGE_INDEX_HEAD.size
+"""A message index up to its entries."""
+
+
+def span(file: McapFile) -> tuple[int, int] | None:
+    """Return the first and the last log time of a file's messages, in ns; None without any.
+
+    As the statistics say it, until the index is asked for: then as far as that tells, without reading messages.
+    """
+    if file.is_loaded:
+        survey_few(file)
+    statistics = file.glance.statistics
+    if statistics is not None and not file.is_corrected:
+        return (statistics.start_ns, statistics.end_ns) if statistics.message_count else None
+    full = [chunk for chunk in file.index.chunks if chunk.counts != {} and chunk.uncompressed_size]
+    return (min(chunk.start_ns for chunk in full), max(chunk.end_ns for chunk in full)) if full else None
+
+
+def settle(file: McapFile) -> None:
+    """Make a file's index true if its summary says how many messages there are, or when, in two ways that differ.
+
+    That reads the whole file, once; every file whose summary agrees with itself is left alone.
+    """
+    if file.index.doubtful:
+        audit(file, lambda chunk, contents: None)
+
+
+def survey(file: McapFile) -> None:
+    """Make the times true that a file's index says of its chunks, by their message indexes; once.
+
+    Whoever reads everything in the order of time needs that. Our own recorder's files are left alone.
+    """
+    settle(file)
+    if not file.begin_survey() or not file.index.by_summary or file.index.is_ours:
+        return
+    for chunk in list(file.index.chunks):
+        if chunk.indexed and not _are_times_right(file.source, chunk, file.limits):
+            file.correct_once(chunk)
+
+
+def survey_few(file: McapFile) -> None:
+    """Do what `survey` does, if the file has so few chunks that it takes hardly any time."""
+    if len(file.index.chunks) <= _FEW_CHUNKS:
+        survey(file)
+    else:
+        settle(file)
+
+
+def _are_times_right(source: Source, chunk: Chunk, limits: Limits) -> bool:
+    """Whether the message indexes behind a chunk lie in the time that is said of it."""
+    length = chunk.message_index_length
+    if length > limits.record_bytes:
+        return True
+    data = source.read(chunk.end, length)
+    for offset in chunk.message_index_offsets.values():
+        at = offset - chunk.end
+        if at + _HEAD_BYTES > len(data) or data[at] != Opcode.MESSAGE_INDEX:
+            return False
+        size = int.from_bytes(data[at + _HEAD_BYTES - 4 : at + _HEAD_BYTES], "little")
+        count = min(size, len(data) - at - _HEAD_BYTES) // ENTRY_BYTES
+        times = np.frombuffer(data, np.uint64, 2 * count, at + _HEAD_BYTES)[::2]
+        if count and not (chunk.start_ns <= times.min() and times.max() <= chunk.end_ns):
+            return False
+    return True
+
+
+def audit(file: McapFile, collect: Callable[[Chunk, ChunkContents], T]) -> list[T | DamagedFileError]:
+    """Read all of a file, note in it what its indexes and statistics say wrongly, and make its index true.
+
+    Args:
+        file: Gets the notes, and the losses of damage that is met.
+        collect: Called with each chunk and what it holds, on several threads.
+
+    Returns:
+        What `collect` did for each chunk, in the order of the file; in the place of a damaged one what is wrong with
+        it, unless it is among the losses of a file that is to be salvaged.
+    """
+    before = file.index
+    walked = load_index.by_walking(file.source, file.limits, before) if before.finished else before
+    is_whole = not any(not loss.corrected for loss in walked.losses)
+    base = walked if is_whole else before
+
+    def do(chunk: Chunk) -> tuple[Chunk, ChunkContents | None, T | DamagedFileError | None]:
+        try:
+            contents = file.contents(chunk)
+            return file.correct(chunk, contents), _without_messages(contents), collect(chunk, contents)
+        except DamagedFileError as error:
+            return chunk, None, _lost(file, chunk, error)
+
+    opened = list(read_ahead.in_order(do, list(base.chunks), weigh=lambda chunk: chunk.uncompressed_size))
+    if before.finished:
+        for loss in walked.losses:
+            file.add(loss)
+        if is_whole:
+            true = _index(base, [(chunk, contents) for chunk, contents, _ in opened])
+            is_read = all(contents is not None and not file.is_partial(chunk) for chunk, contents, _ in opened)
+            for offset, what in _faults(file.source, file.limits, walked, true, is_read=is_read):
+                file.note(offset, what)
+            file.adopt(replace(true, losses=before.losses))
+    return [found for _, contents, found in opened if contents is not None or found is not None]  # type: ignore[misc]
+
+
+def _lost(file: McapFile, chunk: Chunk, error: DamagedFileError) -> DamagedFileError | None:
+    try:
+        file.lose_chunk(chunk, error)
+    except DamagedFileError as again:
+        return again
+    return None
+
+
+def _without_messages(contents: ChunkContents) -> ChunkContents:
+    """Return what a chunk holds besides its messages, which would keep all its bytes in memory."""
+    return replace(contents, messages={})
+
+
+def _index(base: FileIndex, opened: list[tuple[Chunk, ChunkContents | None]]) -> FileIndex:
+    """Return a walk's index with what the chunks were found to hold."""
+    schemas, channels = dict(base.schemas), dict(base.channels)
+    counts: dict[int, int] = {}
+    for chunk, contents in opened:
+        if contents is not None:
+            schemas = {**contents.schemas, **schemas}
+            channels = {**contents.channels, **channels}
+        for channel_id, count in (chunk.counts or {}).items():
+            counts[channel_id] = counts.get(channel_id, 0) + count
+    counts = {channel_id: count for channel_id, count in counts.items() if channel_id in channels}
+    chunks = [chunk for chunk, _ in opened]
+    full = [chunk for chunk in chunks if chunk.counts]
+    statistics = Statistics(
+        message_count=sum(counts.values()),
+        schema_count=len(schemas.keys() - {0}),
+        channel_count=len(channels),
+        chunk_count=sum(chunk.compression != records.LOOSE for chunk in chunks),
+        attachment_count=len(base.attachments),
+        metadata_count=len(base.metadata),
+        start_ns=min((chunk.start_ns for chunk in full), default=0),
+        end_ns=max((chunk.end_ns for chunk in full), default=0),
+        channel_message_counts=counts,
+    )
+    return replace(
+        base, schemas=schemas, channels=channels, chunks=chunks, message_counts=counts, statistics=statistics, losses=()
+    )
+
+
+def _faults(source: Source, limits: Limits, walked: FileIndex, true: FileIndex, *, is_read: bool) -> Iterator[Fault]:
+    """Yield everything that a file's summary says and that is not so. What it leaves out altogether is not wrong.
+
+    Args:
+        source: The file.
+        limits: For what is read.
+        walked: What its records say of its chunks.
+        true: What is true.
+        is_read: Whether all chunks could be read.
+    """
+    found = summary.footer(source, true.size)
+    if found is None or not found.summary_start:
+        return
+    start = found.summary_start
+    try:
+        said = summary.read_all(source, true.size, found, limits)
+    except DamagedFileError as error:
+        yield error.offset, f"the summary cannot be used: {error.what}"
+        return
+    yield from ((start, what) for what in _of_statistics(said.statistics, true if is_read else None))
+    yield from _of_chunks(said.chunks, walked.chunks, {chunk.offset: chunk for chunk in true.chunks})
+    yield from _of_entries("attachment", said.attachments, walked.attachments, start)
+    yield from _of_entries("metadata", said.metadata, walked.metadata, start)
+    if is_read:
+        yield from ((start, what) for what in _of_records("schema", said.schemas, true.schemas))
+        yield from ((start, what) for what in _of_records("channel", said.channels, true.channels))
+    yield from ((start, what) for what in _of_groups(said, found.summary_offset_start))
+
+
+def _of_statistics(said: Statistics | None, true: FileIndex | None) -> Iterator[str]:
+    known = None if true is None else true.statistics
+    if said is None or known is None:
+        return
+    for name in (field for field in Statistics.__slots__ if field != "channel_message_counts"):
+        if getattr(said, name) != getattr(known, name):
+            yield f"the statistics say {name} {getattr(said, name)}, but it is {getattr(known, name)}"
+    counts, true_counts = said.channel_message_counts, known.channel_message_counts
+    for channel_id in sorted(counts.keys() | true_counts.keys()) if counts else ():
+        count, true_count = counts.get(channel_id, 0), true_counts.get(channel_id, 0)
+        if count != true_count:
+            yield f"the statistics say {count} messages of channel {channel_id}, but there are {true_count}"
+
+
+def _of_chunks(said: Sequence[Chunk], walked: Sequence[Chunk], true: Mapping[int, Chunk]) -> Iterator[Fault]:
+    if not said:
+        return
+    by_offset = {chunk.offset: chunk for chunk in walked if chunk.compression != records.LOOSE}
+    count = Counter(chunk.offset for chunk in said)
+    yield from ((offset, f"the chunk here has {number} indexes") for offset, number in count.items() if number > 1)
+    for chunk in said:
+        there = by_offset.get(chunk.offset)
+        if there is None:
+            yield chunk.offset, "a chunk index says that a chunk starts here, but none does"
+            continue
+        for name in _OF_CHUNK:
+            value, true_value = getattr(chunk, name), getattr(there, name)
+            if name in ("start_ns", "end_ns"):
+                true_value = getattr(true[chunk.offset], name) if true[chunk.offset].counts else value
+            if value != true_value:
+                yield chunk.offset, f"the index of the chunk here says {name} {value!r}, but it is {true_value!r}"
+        if chunk.message_index_offsets and (
+            dict(chunk.message_index_offsets) != dict(there.message_index_offsets)
+            or chunk.message_index_length != there.message_index_length
+        ):
+            yield chunk.offset, "the index of the chunk here says wrongly where its message indexes lie"
+    for offset in sorted(by_offset.keys() - {chunk.offset for chunk in said}):
+        yield offset, "the chunk here has no chunk index"
+
+
+def _of_entries(
+    kind: str,
+    said: Sequence[AttachmentEntry] | Sequence[MetadataEntry],
+    walked: Sequence[AttachmentEntry] | Sequence[MetadataEntry],
+    start: int,
+) -> Iterator[Fault]:
+    if not said:
+        return
+    by_offset: Mapping[int, Any] = {entry.offset: entry for entry in walked}
+    count = Counter(entry.offset for entry in said)
+    yield from ((offset, f"the {kind} here has {number} indexes") for offset, number in count.items() if number > 1)
+    for entry in said:
+        there = by_offset.get(entry.offset)
+        if there is None:
+            yield start, f"the {kind} index of {entry.name!r} points to byte {entry.offset}, where none starts"
+        elif entry != there:
+            yield entry.offset, f"the {kind} index says {entry}, but it is {there}"
+    for offset in sorted(by_offset.keys() - {entry.offset for entry in said}):
+        yield offset, f"the {kind} {by_offset[offset].name!r} has no index"
+
+
+def _of_records(kind: str, said: Mapping[int, Any], true: Mapping[int, Any]) -> Iterator[str]:
+    for number, record in said.items():
+        if number not in true:
+            yield f"the summary has {kind} {number}, which the data do not have"
+        elif record != true[number]:
+            yield f"the summary has another {kind} {number} than the data"
+    if said:
+        yield from (f"the summary does not repeat {kind} {number}" for number in sorted(true.keys() - said.keys()))
+
+
+def _of_groups(said: summary.SummaryContents, offsets_start: int) -> Iterator[str]:
+    if not offsets_start:
+        return
+    groups = {(one.opcode, one.start, one.length) for one in said.offsets if one.length}
+    for opcode, start, length in sorted(groups - set(said.groups)):
+        yield f"a summary offset says that {length} bytes of records of kind {opcode} lie at byte {start}"
