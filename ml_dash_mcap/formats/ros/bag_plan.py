@@ -15,13 +15,13 @@ from ...file_names import MESSAGE, TRACK
 from ...mcap.message import Connection
 from ...query import exact_blocks
 from ...rows.encode import TIME_KEY
+from ...rows.shape import Shape
 from ..export_job import Job
 from . import (
     ros_names as names,
 )
 from .bag_options import RosbagWriteOptions
 from .messages import arrow_blocks, conventions, lossless, lossless_definitions, standard, underivable
-from .messages.forms import Form
 from .messages.lossless import Field, Message
 from .messages.standard import Derived
 
@@ -104,11 +104,11 @@ class Planner:
                 there = ", ".join(map(repr, job.topics)) or "none"
                 raise ConversionError(f"mapping has the topic {topic!r}, which is not exported; there are {there}")
 
-    def plan(self, found: Mapping[str, Form]) -> list[Plan]:
+    def plan(self, shapes: Mapping[str, Shape]) -> list[Plan]:
         """Return how the rows of each topic become messages.
 
         Args:
-            found: Topics, to the forms of their rows.
+            shapes: Topics, to the shapes of their rows.
 
         Raises:
             ConversionError: The mapping or the metadata do not fit the rows.
@@ -116,11 +116,11 @@ class Planner:
         self.outlets = []
         called: dict[str, str] = {}
         others = {one.topic for one in self._others}
-        for topic in found:  # first of all, so that no standard message takes a name of ours
+        for topic in shapes:  # first of all, so that no standard message takes a name of ours
             called[topic] = names.topic(topic, {*called.values(), *others})
         taken_types: set[str] = set()
         taken_topics = {*called.values(), *others}
-        plans = [self._planned(topic, form, called[topic], taken_types, taken_topics) for topic, form in found.items()]
+        plans = [self._planned(topic, rows, called[topic], taken_types, taken_topics) for topic, rows in shapes.items()]
         if self._settings.embed_images is not False and not any(plan.paths for plan in plans):
             self.warn("embed_images: no field holds paths of .jpg or .png files")
         return plans
@@ -131,10 +131,10 @@ class Planner:
             self._warned.add(what)
             warnings.warn(f"{what}; the first: {first}" if first else what, ConversionWarning, stacklevel=2)
 
-    def _planned(self, topic: str, form: Form, called: str, taken_types: set[str], taken_topics: set[str]) -> Plan:
+    def _planned(self, topic: str, rows: Shape, called: str, taken_types: set[str], taken_topics: set[str]) -> Plan:
         settings = self._settings
         is_json = settings.profile == "json"
-        message = lossless.design(form, topic, set() if is_json else taken_types, is_json=is_json)
+        message = lossless.design(rows, topic, set() if is_json else taken_types, is_json=is_json)
         wanted = self._wanted(topic, message, called, taken_topics) if "std" in settings.profile else []
         about = {} if is_json else self._about(topic, wanted)  # one type of JSON for all topics
         message = Message(message.name, message.fields, message.is_stated, True, about)
@@ -145,7 +145,7 @@ class Planner:
             digest = standard_types.digest(type_, text, is_ros1=settings.is_ros1)
             own = self._outlet(called, type_, text, digest)
         derived = [(one, self._standard(one)) for one in wanted]
-        if own is None and not derived and form.count:
+        if own is None and not derived and rows.kinds:
             self.warn(f"topic {topic!r}: no standard message says what its fields hold; profile='std' leaves it out")
         return Plan(topic, message, own, tuple(derived))
 

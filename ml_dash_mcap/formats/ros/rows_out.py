@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import heapq
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from itertools import chain
+from operator import or_
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +24,7 @@ from ...query import exact_blocks
 from ...query import topic_rows as rows
 from ...query.file import File
 from ...rows.encode import TIME_KEY
+from ...rows.shape import NOTHING, Shape, of_values
 from ...rows.table import Block
 from ...store import read_ahead
 from ..export_job import Job
@@ -29,12 +32,11 @@ from . import bag_images, ros_names
 from .bag_plan import Outlet, Plan, Planner, Settings
 from .carry_out import Carried
 from .messages import arrow_blocks as blocks
-from .messages import forms, lossless
 from .messages import interface_package as interfaces
+from .messages import lossless
 from .messages import standard_columns as messages
 from .messages.context import BadRows
 from .messages.fill import MisfitError, fill
-from .messages.forms import Form
 from .messages.lossless import Message
 from .messages.standard import Derived
 
@@ -93,13 +95,13 @@ class Outgoing:
         self._is_wide = False
         self._last = math.inf
         self._reached = -math.inf
-        found: dict[str, Form] = {}
+        shapes: dict[str, Shape] = {}
         for topic in job.topics:
             parts = self._parts(topic)
             first = next(parts, None)
-            found[topic] = _take_in(Form(), [] if first is None else first)
+            shapes[topic] = NOTHING if first is None else _shape_of(first)
             self._started[topic] = parts if first is None else chain([first], parts)
-        self.plans = self._planner.plan(found)
+        self.plans = self._planner.plan(shapes)
 
     def widen(self) -> None:
         """Read all rows, and plan for all that they have; called when `messages` found rows that did not fit.
@@ -111,11 +113,10 @@ class Outgoing:
             raise ConversionError("the recording has other rows than a moment ago; export it when it is finished")
         self._is_wide = True
         self._started.clear()
-        found = {topic: Form() for topic in self._job.topics}
-        for topic, form in found.items():
-            for part in self._parts(topic):
-                _take_in(form, part)
-        self.plans = self._planner.plan(found)
+        shapes = {
+            topic: functools.reduce(or_, map(_shape_of, self._parts(topic)), NOTHING) for topic in self._job.topics
+        }
+        self.plans = self._planner.plan(shapes)
 
     @property
     def outlets(self) -> list[Outlet]:
@@ -283,11 +284,8 @@ def _suffix(plan: Plan, derived: Derived) -> str:
     return derived.topic.removeprefix(base)
 
 
-def _take_in(form: Form, part: Part) -> Form:
-    if isinstance(part, list):
-        return forms.of_rows(part, form)
-    blocks.take_in(form, part)
-    return form
+def _shape_of(part: Part) -> Shape:
+    return of_values(part) if isinstance(part, list) else blocks.shape_of(part)
 
 
 def _times(part: Part | MessageBlock) -> npt.NDArray[np.float64]:

@@ -13,9 +13,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ml_dash_mcap.codecs.ros.message_columns import Constant
 from ml_dash_mcap.codecs.ros.pack import pack
 from ml_dash_mcap.codecs.ros.unpack import unpack
-from ml_dash_mcap.formats.ros.messages import forms, lossless, lossless_definitions, restore
+from ml_dash_mcap.formats.ros.messages import lossless, lossless_definitions, restore
 from ml_dash_mcap.formats.ros.messages.fill import MisfitError, fill
 from ml_dash_mcap.formats.ros.messages.lossless import Message
+from ml_dash_mcap.rows.shape import of_values
 from tests.support.examples import examples
 from tests.support.row_shapes import tables, typed
 
@@ -29,7 +30,7 @@ def timed(rows: list[Row]) -> list[Row]:
 
 
 def designed(rows: list[Row], *, is_json: bool = False) -> Message:
-    return lossless.design(forms.of_rows(rows), "robot/arm", set(), is_json=is_json)
+    return lossless.design(of_values(rows), "robot/arm", set(), is_json=is_json)
 
 
 def to_bytes(message: Message, rows: list[Row], *, is_ros1: bool = False, room: int = 0) -> list[bytes]:

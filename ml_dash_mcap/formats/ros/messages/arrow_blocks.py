@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,61 +11,29 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ....codecs.ros.message_columns import Column, Ragged
+from ....rows.arrow_types import of_array
 from ....rows.encode import TIME_KEY
+from ....rows.shape import EXACT_INTEGER, Shape, of_dicts
 from ....rows.table import Block
 from . import fill
 from .fill import MisfitError
-from .forms import SAFE_INTEGER, Form
 from .lossless import INTEGER, MISSING, PRESENT, STATE, Field, Message
 
 _NUMBERS = {"bool": pa.bool_(), "int64": pa.int64(), "uint64": pa.uint64(), "float64": pa.float64()}
 
 
-def take_in(form: Form, block: Block) -> None:
-    """Add a block's rows to the form of their topic."""
-    form.kinds.add(dict)
-    form.count += block.count
-    form.dicts += block.count
-    parents: set[str] = set()
-    for name, column in block.columns.items():
-        if name == TIME_KEY:
-            continue
-        *path, last = name.split(".")
-        inner, at = form, ""
-        for key in path:
-            inner, at = inner.field(key), f"{at}.{key}"
-            if at not in parents:
-                parents.add(at)
-                inner.kinds.add(dict)
-                inner.count += block.count
-                inner.dicts += block.count
-        _take_in(inner.field(last), column.array)
+def shape_of(block: Block) -> Shape:
+    """Return the shape of a block's rows."""
+    return _shape({name: column.array for name, column in block.columns.items()})
 
 
-def _take_in(form: Form, array: Any) -> None:
-    type_ = array.type
-    if pa.types.is_floating(type_):
-        form.kinds.add(float)
-    elif pa.types.is_integer(type_):
-        form.kinds.add(int)
-        if len(array):
-            bounds = pc.min_max(array)
-            form.bound(bounds["min"].as_py(), bounds["max"].as_py())
-    elif pa.types.is_boolean(type_):
-        form.kinds.add(bool)
-    elif pa.types.is_list(type_) or pa.types.is_fixed_size_list(type_):
-        form.kinds.add(list)
-        if len(array):
-            lengths = pc.min_max(pc.list_value_length(array))
-            form.lengths(lengths["min"].as_py(), lengths["max"].as_py())
-            inner = array.flatten()
-            if len(inner):
-                _take_in(form.elements(), inner)
-    else:
-        for value in array.to_pylist():
-            form.add(value)
-        return
-    form.count += len(array)
+def _shape(columns: Mapping[str, Any]) -> Shape:
+    """Return the shape of dicts whose fields lie in columns with dotted names."""
+    inner: dict[str, dict[str, Any]] = {}
+    for name, array in columns.items():
+        key, _, rest = name.partition(".")
+        inner.setdefault(key, {})[rest] = array
+    return of_dicts({key: of_array(some[""]) if "" in some else _shape(some) for key, some in inner.items()})
 
 
 def fill_block(message: Message, block: Block) -> dict[str, Column]:
@@ -139,7 +108,7 @@ def _numbers(one: Field, array: Any, shape: Any) -> dict[str, Column] | None:
     flat = array.to_numpy(zero_copy_only=False)
     if is_other and (one.shape != () and one.integers is None):
         return None
-    if is_other and len(flat) and not -SAFE_INTEGER <= int(flat.min()) <= int(flat.max()) <= SAFE_INTEGER:
+    if is_other and len(flat) and not -EXACT_INTEGER <= int(flat.min()) <= int(flat.max()) <= EXACT_INTEGER:
         return None
     numbers = {one.name: shape(flat.astype(np.float64) if is_other else flat)}
     if one.integers is not None:

@@ -14,7 +14,7 @@ from ....codecs.ros.message_columns import Column, Ragged, texts
 from ....rows import packed
 from ....rows.encode import EXACT_KEY, TIME_KEY, has_lone_surrogates
 from ....rows.json_text import dumps_any, exact_as_read, loads_any
-from .forms import SAFE_INTEGER
+from ....rows.shape import EXACT_INTEGER
 from .lossless import INTEGER, MISSING, NONE, PRESENT, ROW_KEY, STATE, Field, Message
 
 Row = Mapping[str, Any]
@@ -141,7 +141,7 @@ def _numbers(kind: str, values: list[Any], *, allows_integers: bool) -> npt.NDAr
         raise MisfitError
     if allows_integers:
         for value in values:
-            if type(value) is int and not -SAFE_INTEGER <= value <= SAFE_INTEGER:
+            if type(value) is int and not -EXACT_INTEGER <= value <= EXACT_INTEGER:
                 raise MisfitError
     return np.array(values, _DTYPES[kind])
 

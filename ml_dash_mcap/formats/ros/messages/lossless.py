@@ -15,15 +15,13 @@ A comment in the definition says which field is which key; it survives every too
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
-from ....rows import packed
+from ....rows import shape
 from ....rows.encode import TIME_KEY
+from ....rows.shape import Shape
 from .. import ros_names
-from .forms import Form
 
 MISSING, PRESENT, NONE, INTEGER = range(4)
 """What a byte of `field_state` says of its field."""
@@ -34,7 +32,7 @@ ROW_KEY = TIME_KEY
 
 _MOST_FIELDS = 250
 _DEEPEST = 8
-_NUMBERS: Mapping[type, str] = {bool: "bool", float: "float64"}
+_NUMBERS = {shape.BOOLEAN: "bool", shape.FLOAT64: "float64"}
 _ARRAYS = {"bool", "float32", "float64", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 """The types of numpy that ROS has; arrays of others are JSON."""
 
@@ -82,11 +80,11 @@ class Message:
         yield self
 
 
-def design(form: Form, topic: str, taken: set[str], *, is_json: bool = False) -> Message:
+def design(rows: Shape, topic: str, taken: set[str], *, is_json: bool = False) -> Message:
     """Return the message for a topic's rows.
 
     Args:
-        form: Of the rows.
+        rows: Their shape; time stamps in it do not count.
         topic: Its name.
         taken: Names of messages that are taken; gets those that are used.
         is_json: Whether to hold each row as JSON.
@@ -97,21 +95,22 @@ def design(form: Form, topic: str, taken: set[str], *, is_json: bool = False) ->
         return Message("Json", (row,), False, about={"topic": topic})
     name = ros_names.message(topic, taken)
     taken.add(name)
-    if len(form.fields) > _MOST_FIELDS:
+    rows = replace(rows, fields={key: values for key, values in rows.fields.items() if key != TIME_KEY})
+    if len(rows.fields) > _MOST_FIELDS:
         return Message(name, (Field(ROW_KEY, "json", "json"),), False, about={"topic": topic})
-    fields, is_stated = _fields(form, name, taken, 0)
+    fields, is_stated = _fields(rows, name, taken, 0)
     return Message(name, fields, is_stated, about={"topic": topic})
 
 
-def _fields(form: Form, owner: str, taken: set[str], depth: int) -> tuple[tuple[Field, ...], bool]:
-    called = ros_names.fields(form.fields)
+def _fields(dicts: Shape, owner: str, taken: set[str], depth: int) -> tuple[tuple[Field, ...], bool]:
+    called = ros_names.fields(dicts.fields)
     used = {*called.values(), *ros_names.TAKEN_FIELDS}
     fields = []
     is_stated = False
-    for key, inner in form.fields.items():
-        is_stated = is_stated or inner.count < form.dicts or type(None) in inner.kinds
-        made = _field(inner, key, called[key], owner, taken, depth)
-        if inner.kinds >= {int, float} and made.kind == "float64":
+    for key, values in dicts.fields.items():
+        is_stated = is_stated or key in dicts.optional or values.has_nulls
+        made = _field(values, key, called[key], owner, taken, depth)
+        if _are_mixed_numbers(values) and made.kind == "float64":
             is_stated = True
         if made.integers is not None:
             made = Field(key, made.name, made.kind, made.shape, None, ros_names.free(made.integers, used, "_"))
@@ -120,58 +119,69 @@ def _fields(form: Form, owner: str, taken: set[str], depth: int) -> tuple[tuple[
     return tuple(fields), is_stated
 
 
-def _field(form: Form, key: str, name: str, owner: str, taken: set[str], depth: int) -> Field:
-    kinds = form.kinds - {type(None)}
-    number = _number(form)
+def _field(values: Shape, key: str, name: str, owner: str, taken: set[str], depth: int) -> Field:
+    kinds = values.value_kinds
+    number = _number(values)
     if number is not None:
         return Field(key, name, number)
-    if kinds == {str} and not form.has_odd_text:
-        return Field(key, name, "string", names_images=names_image(form.first_text or ""))
-    if kinds == {bytes}:
+    if _are_plain_texts(values):
+        return Field(key, name, "string", names_images=names_image(values.first_text or ""))
+    if kinds == shape.BYTES:
         return Field(key, name, "bytes")
-    if kinds == {dict} and _fits(form, depth):
-        return Field(key, name, "message", (), _nested(form, key, owner, taken, depth))
-    if kinds == {list} and form.shortest is not None:
-        return _list(form, key, name, owner, taken, depth)
-    if kinds == {np.ndarray} and len(form.arrays) == 1:
-        found = packed.parse(next(iter(form.arrays)))
-        if found is not None and found[0] in _ARRAYS and all(found[1]):
-            return Field(key, name, found[0], tuple(length or 0 for length in found[1]), is_array=True)
+    if kinds == shape.DICT and _fits(values, depth):
+        return Field(key, name, "message", (), _nested(values, key, owner, taken, depth))
+    if kinds == shape.LIST:
+        return _list(values, key, name, owner, taken, depth)
+    array = values.array
+    if kinds == shape.ARRAY and array is not None and array.is_plain and array.dtype in _ARRAYS and array.lengths:
+        lengths = tuple(length for length in array.lengths if length)
+        if len(lengths) == len(array.lengths):
+            return Field(key, name, array.dtype, lengths, is_array=True)
     return Field(key, name, "json")
 
 
-def _list(form: Form, key: str, name: str, owner: str, taken: set[str], depth: int) -> Field:
-    shape: tuple[int, ...] | None = ()
-    inner: Form = form
-    while inner.kinds == {list} or inner is form:
-        if shape is None or inner.items is None:  # ragged lists of lists; empty lists only
+def _list(lists: Shape, key: str, name: str, owner: str, taken: set[str], depth: int) -> Field:
+    lengths: tuple[int, ...] | None = ()
+    values = lists
+    while values.value_kinds == shape.LIST and (values is lists or not values.has_nulls):
+        if lengths is None or values.items is None or not values.items.kinds:  # ragged lists of lists; only empty lists
             return Field(key, name, "json")
-        fits = inner.shortest == inner.longest
-        if not fits and shape:
+        is_fixed = values.shortest == values.longest
+        if not is_fixed and lengths:
             return Field(key, name, "json")
-        shape = (*shape, inner.longest) if fits else None
-        inner = inner.items
-    number = _number(inner) if type(None) not in inner.kinds else None
+        lengths = (*lengths, values.longest) if is_fixed else None
+        values = values.items
+    number = None if values.has_nulls else _number(values)
     if number is not None:
-        integers = f"{name}_integers" if inner.kinds >= {int, float} else None
-        return Field(key, name, number, shape, None, integers)
-    if shape is None or len(shape) == 1:
-        if inner.kinds == {str} and not inner.has_odd_text:
+        integers = f"{name}_integers" if _are_mixed_numbers(values) else None
+        return Field(key, name, number, lengths, None, integers)
+    if (lengths is None or len(lengths) == 1) and not values.has_nulls:
+        if _are_plain_texts(values):
             return Field(key, name, "string", None)
-        if inner.kinds == {dict} and _fits(inner, depth):
-            return Field(key, name, "message", None, _nested(inner, key, owner, taken, depth))
+        if values.value_kinds == shape.DICT and _fits(values, depth):
+            return Field(key, name, "message", None, _nested(values, key, owner, taken, depth))
     return Field(key, name, "json")
 
 
-def _number(form: Form) -> str | None:
-    kinds = form.kinds - {type(None)}
-    if kinds == {int}:
-        if form.low >= -(2**63) and form.high < 2**63:
-            return "int64"
-        return "uint64" if form.low >= 0 else None
-    if kinds == {int, float}:
-        return "float64" if form.is_safe else None
-    return _NUMBERS.get(next(iter(kinds))) if len(kinds) == 1 else None
+def _number(values: Shape) -> str | None:
+    kinds = values.value_kinds
+    if kinds == shape.INTEGER:
+        if not values.kinds & shape.UNSIGNED:
+            return None if values.kinds & shape.HUGE else "int64"
+        return None if values.kinds & (shape.NEGATIVE | shape.HUGE) else "uint64"
+    if kinds == shape.INTEGER | shape.FLOAT64:
+        return "float64" if values.is_exact_as_doubles else None
+    return _NUMBERS.get(kinds)
+
+
+def _are_mixed_numbers(values: Shape) -> bool:
+    """Whether there are integers and fractions among some values."""
+    return bool(values.kinds & shape.INTEGER and values.kinds & shape.FLOAT64)
+
+
+def _are_plain_texts(values: Shape) -> bool:
+    """Whether all values are texts that ROS has a place for."""
+    return values.value_kinds == shape.TEXT and not values.kinds & (shape.HAS_NUL | shape.HAS_SURROGATE)
 
 
 def names_image(path: str) -> bool:
@@ -179,14 +189,14 @@ def names_image(path: str) -> bool:
     return path.lower().endswith((".jpg", ".jpeg", ".png"))
 
 
-def _fits(form: Form, depth: int) -> bool:
-    return 0 < len(form.fields) <= _MOST_FIELDS and depth < _DEEPEST
+def _fits(dicts: Shape, depth: int) -> bool:
+    return 0 < len(dicts.fields) <= _MOST_FIELDS and depth < _DEEPEST
 
 
-def _nested(form: Form, key: str, owner: str, taken: set[str], depth: int) -> Message:
+def _nested(dicts: Shape, key: str, owner: str, taken: set[str], depth: int) -> Message:
     name = ros_names.message(owner + ros_names.message(key), taken)
     taken.add(name)
-    fields, is_stated = _fields(form, name, taken, depth + 1)
+    fields, is_stated = _fields(dicts, name, taken, depth + 1)
     return Message(name, fields, is_stated, is_row=False)
 
 
