@@ -54,7 +54,10 @@ def of_shape(values: Shape) -> Field:
         return Field("array") if array.dtype is None or array.lengths is None else Field(array.dtype, array.lengths)
     if values.kinds == shape.LIST and values.items is not None:
         elements = of_shape(values.items)
-        return Field(elements.type, (values.shortest if values.shortest == values.longest else None, *elements.shape))
+        if values.shortest == values.longest:
+            return Field(elements.type, (values.shortest, *elements.shape))
+        is_told = values.longest == shape.UNBOUNDED  # by a schema; lengths in ragged lists say little
+        return Field(elements.type, (None, *elements.shape) if is_told else (None,))
     return Field(_type(values))
 
 

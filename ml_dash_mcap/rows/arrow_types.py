@@ -66,6 +66,8 @@ def _of_numbers(array: pa.Array, kind: int) -> Shape:
         return scalar(kind)
     bounds = pc.min_max(array)
     integers = of_integers(bounds["min"].as_py(), bounds["max"].as_py())
+    if kind == shape.UINT64 and integers.kinds & shape.UNSIGNED:  # no array of numpy: its values need the type
+        return integers
     return scalar(integers.kinds & ~shape.INTEGER | kind)
 
 
