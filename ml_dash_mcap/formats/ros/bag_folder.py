@@ -14,15 +14,17 @@ import zstandard
 
 from ...codecs.ros.distros import DISTRO_KEY, METADATA_FILE, TEXT_KEY
 from ...errors import ConversionWarning, DamagedFileError, EncodingError, MissingRecordingError
+from ...file_names import SEGMENT_SUFFIX
 from ...mcap.limits import DEFAULT, Limits
 from ...mcap.message import Connection
 from .bag_contents import BagFile
 from .bag_information import NOTHING, BagInformation
 from .bag_mcap.read import McapBag
+from .bag_sqlite.layout import SUFFIX as SQLITE_SUFFIX
 from .bag_sqlite.read import SqliteBag
 
 ZSTD = ".zstd"
-_SUFFIXES = (".mcap", ".db3")
+_SUFFIXES = (SEGMENT_SUFFIX, SQLITE_SUFFIX)
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
@@ -173,7 +175,7 @@ class FolderBag:
     def _open(self, path: Path) -> BagFile:
         whole = self._decompressed(path) if path.name.endswith(ZSTD) else path
         open_file: Callable[..., BagFile] = SqliteBag
-        if whole.name.endswith(".mcap"):
+        if whole.name.endswith(SEGMENT_SUFFIX):
             open_file = partial(McapBag, limits=self._limits)
         try:
             return open_file(whole, is_packed=self._mode == "message", salvages=self._salvages, shown=path)

@@ -10,6 +10,7 @@ from pathlib import Path
 from ...codecs.decoding import decoding
 from ...codecs.ros import distros
 from ...errors import ConversionWarning, DamagedFileError, StorageError
+from ...file_names import SEGMENT_SUFFIX
 from ...mcap.limits import DEFAULT, Limits
 from ...mcap.message import Connection
 from ...recorder import Recorder
@@ -36,7 +37,7 @@ def read_as_it_is(path: Path) -> list[Path] | None:
     """
     folder = bag_folder.Folder(path)
     files = folder.files
-    if not files or any(file.suffix != ".mcap" for file in files) or folder.information.compression_mode:
+    if not files or any(file.suffix != SEGMENT_SUFFIX for file in files) or folder.information.compression_mode:
         return None
     for file in files:
         try:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ...codecs.ros.distros import METADATA_FILE
+from ...file_names import SEGMENT_SUFFIX
 from ...mcap.message import MessageBlock
 from ..destination import fresh_folder
 from ..export_job import Job, Steps
@@ -18,6 +19,7 @@ from .bag_mcap import write as bag_mcap
 from .bag_options import Rosbag2WriteOptions
 from .bag_plan import Outlet, Settings
 from .bag_sqlite import write as bag_sqlite
+from .bag_sqlite.layout import SUFFIX as SQLITE_SUFFIX
 from .rows_out import MisfitError, Outgoing, Sent, packed, to_text, write_package
 
 CUSTOM_KEY = "ml_dash"
@@ -121,7 +123,7 @@ class _Bag:
         self._folder = folder
         self._name = name
         self._description = description
-        self._suffix = bag_mcap.SUFFIX if description.storage == "mcap" else bag_sqlite.SUFFIX
+        self._suffix = SEGMENT_SUFFIX if description.storage == "mcap" else SQLITE_SUFFIX
         self._split_bytes = split_bytes
         self._begin = begin
         self._outgoing = outgoing

@@ -14,8 +14,6 @@ from ....mcap.limits import DEFAULT, Limits
 from ....mcap.message import CHUNK_BYTES, Connection, MessageBlock
 from ..bag_contents import unpacked
 
-MAGIC = b"\x89MCAP0\r\n"
-
 
 class McapBag:
     """An opened file."""

@@ -26,8 +26,6 @@ from ..carry_out import foreign_metadata
 from ..qos_profiles import OFFERED
 from ..rows_out import Sent
 
-SUFFIX = ".mcap"
-
 
 class _Zstd:
     """Finds in a standard message the numbers that ours before it has: two thirds smaller than level 1, and faster."""

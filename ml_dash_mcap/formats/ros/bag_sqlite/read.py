@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from ....codecs.decode import DIGEST_KEYS
 from ....errors import DamagedFileError, MissingRecordingError, StorageError
 from ....mcap.message import Connection, MessageBlock, Payload
 from ..bag_contents import unpacked
-from . import stored_rows
+from ..qos_profiles import OFFERED
+from . import layout, stored_rows
 from .stored_rows import Row
-
-MAGIC = b"SQLite format 3\0"
 
 _BESIDE = ("-wal", "-journal")
 """What SQLite leaves beside a file whose process died: rows that are not in it yet, or that have to be undone in it."""
@@ -62,14 +62,14 @@ class SqliteBag:
         left = [beside for end in _BESIDE if (beside := Path(f"{path}{end}")).is_file() and beside.stat().st_size]
         if left:
             self._copy = tempfile.TemporaryDirectory(prefix="ml_dash_mcap-")
-            for one in (path, *left):
-                shutil.copyfile(one, Path(self._copy.name) / one.name)
+            for file in (path, *left):
+                shutil.copyfile(file, Path(self._copy.name) / file.name)
             self._base = sqlite3.connect(Path(self._copy.name) / path.name)
         else:
             self._base = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
         self._base.text_factory = _text
         try:
-            self._tables = {name for (name,) in self._ask("SELECT name FROM sqlite_master WHERE type = 'table'")}
+            self._tables = {name for (name,) in self._ask(layout.SELECT_TABLES)}
             self._channels = self._read_channels()
             self._are_ids = all(type(topic) is int and topic == number for topic, number in self._numbers.items())
             self.count = self._count()
@@ -85,12 +85,12 @@ class SqliteBag:
     @property
     def distro(self) -> str:
         """The distribution that wrote the file; empty before version 3 of the schema."""
-        return self._said("schema", "ros_distro")
+        return self._last(layout.SCHEMA, layout.SELECT_DISTRO)
 
     @property
     def information(self) -> str:
         """The file's own copy of `metadata.yaml`; empty before version 4 of the schema."""
-        return self._said("metadata", "metadata")
+        return self._last(layout.METADATA, layout.SELECT_METADATA)
 
     def blocks(self, wanted: Collection[int]) -> Iterator[MessageBlock]:
         """Yield the messages of some channels, in the order in which they were written.
@@ -169,15 +169,14 @@ class SqliteBag:
         return unpacked(block, self._path, self.losses if self._salvages else None) if self._is_packed else block
 
     def _read_channels(self) -> dict[int, Connection]:
-        if not {"topics", "messages"} <= self._tables:
+        if not self._tables >= layout.LEAST_TABLES:
             raise DamagedFileError(self._path, 0, "this SQLite file is no bag: it has no tables of topics and messages")
         defined: dict[str, tuple[str, str]] = {}
-        if "message_definitions" in self._tables:
-            rows = self._ask("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
+        if layout.DEFINITIONS in self._tables:
+            rows = self._ask(layout.SELECT_DEFINITIONS)
             defined = {_as_text(type_): (_as_text(encoding), _as_text(text)) for type_, encoding, text in rows}
-        columns = {row[1] for row in self._ask("PRAGMA table_info(topics)")}
-        qos, digest = (name if name in columns else "''" for name in ("offered_qos_profiles", "type_description_hash"))
-        topics = self._ask(f"SELECT id, name, type, serialization_format, {qos}, {digest} FROM topics ORDER BY id")
+        columns = {row[1] for row in self._ask(layout.SELECT_TOPIC_COLUMNS)}
+        topics = self._ask(layout.select_topics(columns))
         channels: dict[int, Connection] = {}
         for topic, *row in topics:
             fault = self._topic_fault(topic, *row[:2])
@@ -202,17 +201,18 @@ class SqliteBag:
     def _count(self) -> int:
         """Return how many messages there are; where that is damaged, how many can be read."""
         try:
-            (counted,) = self._ask("SELECT COUNT(*) FROM messages")[0]
+            (counted,) = self._ask(layout.COUNT_MESSAGES)[0]
         except DamagedFileError:
             if not self._salvages:
                 raise
             return stored_rows.count(self._base)
         return int(counted)
 
-    def _said(self, table: str, column: str) -> str:
+    def _last(self, table: str, question: str) -> str:
+        """Return the text in the last row of a table; empty without one."""
         if table not in self._tables:
             return ""
-        rows = self._ask(f"SELECT {column} FROM {table}")
+        rows = self._ask(question)
         return _as_text(rows[-1][0]) if rows else ""
 
     def _ask(self, question: str) -> list[Any]:
@@ -247,9 +247,9 @@ def _channel(
 ) -> Connection:
     encoding, text = defined.get(type_, ("", ""))
     is_known = encoding in ("ros2msg", "ros2idl")  # a type without fields has an empty text
-    metadata = {"offered_qos_profiles": _as_text(qos)}
+    metadata = {OFFERED: _as_text(qos)}
     if digest:
-        metadata["topic_type_hash"] = _as_text(digest)
+        metadata[DIGEST_KEYS[False]] = _as_text(digest)
     return Connection(
         topic,
         type_,

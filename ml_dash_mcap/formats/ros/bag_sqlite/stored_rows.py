@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ....errors import DamagedFileError
+from . import layout
 
 Row = tuple[Any, Any, Any]
 """Id of the topic, time in ns, content: what a sound file has there are two integers and bytes."""
@@ -16,7 +17,6 @@ Row = tuple[Any, Any, Any]
 ERRORS = (sqlite3.Error, UnicodeError)
 """What SQLite raises for a damaged file; names in a damaged schema are not always text."""
 
-_ROWS = "SELECT topic_id, timestamp, data"
 _MOST_ROWS = 512
 _MOST_BYTES = 4 << 20
 _SMALL_BYTES = _MOST_BYTES // _MOST_ROWS
@@ -38,14 +38,14 @@ def rows(base: sqlite3.Connection, path: Path, losses: list[str] | None) -> Iter
     """
     done = 0
     try:
-        for some in _some(base.execute(f"{_ROWS} FROM messages ORDER BY id")):
+        for some in _some(base.execute(f"{layout.SELECT_MESSAGES} FROM messages ORDER BY id")):
             yield some
             done += len(some)
     except ERRORS as error:
         if losses is None:
             raise DamagedFileError(path, 0, f"this SQLite bag cannot be read on: {error}") from error
         what = f"{path}: this SQLite bag is damaged ({error})"
-        for some in _around_gaps(base, _ROWS, _id_behind(base, done), what, losses):
+        for some in _around_gaps(base, layout.SELECT_MESSAGES, _id_behind(base, done), what, losses):
             yield [row[:3] for row in some]
 
 

@@ -1,4 +1,4 @@
-"""One SQLite file of a rosbag2 folder: version 4 of the schema of rosbag2_storage_sqlite3."""
+"""One SQLite file of a rosbag2 folder: a few thousand messages at a time."""
 
 from __future__ import annotations
 
@@ -12,20 +12,7 @@ from ....errors import ConversionError
 from ....mcap.message import MessageBlock
 from ..bag_plan import Outlet
 from ..rows_out import Sent
-
-SUFFIX = ".db3"
-
-_TABLES = """
-CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
-CREATE TABLE metadata(id INTEGER PRIMARY KEY, metadata_version INTEGER NOT NULL, metadata TEXT NOT NULL);
-CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
-    serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL, type_description_hash TEXT NOT NULL);
-CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL, encoding TEXT NOT NULL,
-    encoded_message_definition TEXT NOT NULL, type_description_hash TEXT NOT NULL);
-CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timestamp INTEGER NOT NULL,
-    data BLOB NOT NULL);
-"""
-_INDEX = "CREATE INDEX timestamp_idx ON messages (timestamp ASC)"
+from . import layout
 
 
 class Storage:
@@ -55,22 +42,14 @@ class Storage:
         # The file gets its name when it is whole, so nothing has to be undone in it.
         self._base.execute("PRAGMA journal_mode=OFF")
         self._base.execute("PRAGMA synchronous=OFF")
-        self._base.executescript(_TABLES)
+        self._base.executescript(layout.CREATE_TABLES)
         self._base.execute("BEGIN")
-        self._base.execute("INSERT INTO schema VALUES (4, ?)", (distro,))
-        self._base.executemany(
-            "INSERT INTO topics VALUES (?, ?, ?, 'cdr', ?, ?)",
-            [(one.number, one.topic, one.type, qos(one), one.digest) for one in outlets],
-        )
-        self._base.executemany(
-            "INSERT INTO message_definitions(topic_type, encoding, encoded_message_definition, type_description_hash)"
-            " VALUES (?, ?, ?, ?)",
-            [
-                (one.type, _encoding(one), one.text, one.digest)
-                for one in {one.type: one for one in outlets}.values()
-                if _encoding(one)
-            ],
-        )
+        self._base.execute(layout.INSERT_SCHEMA, (layout.SCHEMA_VERSION, distro))
+        topics = [(outlet.number, outlet.topic, outlet.type, qos(outlet), outlet.digest) for outlet in outlets]
+        self._base.executemany(layout.INSERT_TOPIC, topics)
+        by_type = {outlet.type: outlet for outlet in outlets}
+        types = [(type_, _encoding(outlet), outlet.text, outlet.digest) for type_, outlet in by_type.items()]
+        self._base.executemany(layout.INSERT_DEFINITION, [row for row in types if row[1]])
         self.size = 0
         """Bytes of messages so far."""
         self.counts: dict[int, int] = {}
@@ -88,7 +67,7 @@ class Storage:
             return
         if len(sent) > 1:
             rows.sort(key=lambda row: row[:2])
-        self._base.executemany("INSERT INTO messages(timestamp, topic_id, data) VALUES (?, ?, ?)", rows)
+        self._base.executemany(layout.INSERT_MESSAGE, rows)
         self.start_ns = min(self.start_ns, rows[0][0]) if self.counts else rows[0][0]
         self.end_ns = max(self.end_ns, rows[-1][0])
         for one in sent:
@@ -103,7 +82,7 @@ class Storage:
         """Write messages that are carried, in their order."""
         rows = zip(block.times_ns.tolist(), block.channels.tolist(), block.payloads, strict=True)
         try:
-            self._base.executemany("INSERT INTO messages(timestamp, topic_id, data) VALUES (?, ?, ?)", rows)
+            self._base.executemany(layout.INSERT_MESSAGE, rows)
         except OverflowError as error:
             raise ConversionError("SQLite has no room for times after the year 2262; pass storage='mcap'") from error
         first, last = int(block.times_ns.min()), int(block.times_ns.max())
@@ -119,10 +98,8 @@ class Storage:
         Args:
             information: What is said of it, as YAML.
         """
-        self._base.execute(
-            "INSERT INTO metadata(metadata_version, metadata) VALUES (?, ?)", (self._version, information)
-        )
-        self._base.execute(_INDEX)
+        self._base.execute(layout.INSERT_METADATA, (self._version, information))
+        self._base.execute(layout.CREATE_INDEX)
         self._base.execute("COMMIT")
         self.close()
 
