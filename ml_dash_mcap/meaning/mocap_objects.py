@@ -8,6 +8,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from .field_kinds import (
+    JOINT_EFFORT,
+    JOINT_POSITION,
+    JOINT_VELOCITY,
+    NAMED_EFFORT,
+    NAMED_POSITION,
+    NAMED_VELOCITY,
+    ORIENTATION,
+    POSE,
+    POSITION,
+    TORQUE,
+    PoseFields,
+    is_body,
+    owner_of,
+    poses,
+)
+
 Path = tuple[str, ...]
 """A field's keys, from the outermost dict in."""
 Shapes = Mapping[Path, tuple[int, ...]]
@@ -19,16 +36,13 @@ MARKERS_TOPIC = "markers"
 MARKER_KINDS = {"body_markers": "Rigid Body Marker", "bone_markers": "Bone Marker"}
 """What holds markers that Motive tells from the others, to its words for them."""
 
-_POSITION = re.compile(r"(?:^|(?<=_))(pos|position|xyz|translation|trans)$", re.IGNORECASE)
-_ROTATION = re.compile(r"(?:^|(?<=_))(quat|quaternion|orientation|rotation|rot)$", re.IGNORECASE)
-_POSE = re.compile(r"(?:^|_)(pose|transform)$", re.IGNORECASE)
-_MATRIX = re.compile(r"(?:^|_)(pose|transform)$|(?:^|_)T(?:_|$)")
-_NO_BODY = re.compile(r"(?:^|_)(joints?|motors?|dofs?|fingers?|gripper)_?$", re.IGNORECASE)
 _MARKER = re.compile("marker", re.IGNORECASE)
-_ANGLES = re.compile(r"^(q|qpos|joint_?(pos|positions?|angles?)|joints)$", re.IGNORECASE)
-_SPEEDS = re.compile(r"^(dq|qd|qvel|joint_?(vel|velocity|velocities|speeds?))$", re.IGNORECASE)
-_EFFORTS = re.compile(r"^(tau|torques?|efforts?|joint_?(torques?|efforts?))$", re.IGNORECASE)
-_JOINT_WORDS = (("", _ANGLES, "position"), ("_u", _SPEEDS, "velocity"), ("_tau", _EFFORTS, "effort"))
+_JOINT_KINDS = (
+    ("", (JOINT_POSITION,), NAMED_POSITION),
+    ("_u", (JOINT_VELOCITY,), NAMED_VELOCITY),
+    ("_tau", (JOINT_EFFORT, TORQUE), NAMED_EFFORT),
+)
+"""What OpenSim appends to a joint's name, to the fields that it does that for: always, and where joints are named."""
 _GRIPPER = re.compile("gripper", re.IGNORECASE)
 
 
@@ -130,8 +144,9 @@ def expected(path: Path) -> tuple[int, ...] | None:
     """Return the shape that a field should have by its name, if its values have several."""
     if any(_MARKER.search(word) for word in path[:-1]):
         return (3,)
-    for pattern, size in ((_POSITION, 3), (_ROTATION, 4), (_POSE, 7)):
-        if pattern.search(path[-1]) and not _NO_BODY.search(_stem(path, pattern)[-1]):
+    for kind, size in ((POSITION, 3), (ORIENTATION, 4), (POSE, 7)):
+        owner = owner_of(path[-1], kind)
+        if owner is not None and is_body(owner):
             return (size,)
     return None
 
@@ -156,43 +171,33 @@ def _gather(shapes: Shapes) -> dict[Path, Source]:
 
 
 def _bodies(topic: str, fields: Mapping[Path, Source], order: str) -> list[Body]:
-    rotations = {
-        _stem(path, _ROTATION): source
-        for path, source in fields.items()
-        if _ROTATION.search(path[-1]) and source.size == 4 and len(source.shape) < 2
-    }
-    found: list[tuple[Path, Source, Source | None, str]] = []
+    levels: dict[Path, dict[str, tuple[int, ...]]] = {}
     for path, source in fields.items():
-        name = path[-1]
-        if source.shape == (4, 4) and _MATRIX.search(name):
-            found.append((path, source, None, order))
-        elif source.shape == (7,) and _POSE.search(name):
-            position, rotation = Source(source.fields, (7,), 0, 3), Source(source.fields, (7,), 3, 7)
-            found.append((_stem(path, _POSE), position, rotation, order))
-        elif _is_point(source) and _POSITION.search(name) and _stem(path, _POSITION) in rotations:
-            rotation = rotations[_stem(path, _POSITION)]
-            found.append((_stem(path, _POSITION), source, rotation, "xyzw" if rotation.shape == () else order))
-    return [
-        Body(
-            topic if len(found) == 1 else f"{topic}:{'.'.join(filter(None, stem)) or 'body'}",
-            topic,
-            position,
-            rotation,
-            order_,
-            _error(stem, fields),
-        )
-        for stem, position, rotation, order_ in found
-    ]
+        levels.setdefault(path[:-1], {})[path[-1]] = source.shape or (source.size,)
+    by_field = {(*parent, pose.position): (parent, pose) for parent in levels for pose in poses(levels[parent])}
+    in_order = [by_field[path] for path in fields if path in by_field]
+    return [_body(topic, fields, order, parent, pose, is_only=len(in_order) == 1) for parent, pose in in_order]
 
 
-def _error(stem: Path, fields: Mapping[Path, Source]) -> Source | None:
-    found = fields.get((*stem[:-1], "mean_marker_error"))
-    return found if found is not None and found.shape == () else None
+def _body(
+    topic: str, fields: Mapping[Path, Source], order: str, parent: Path, pose: PoseFields, *, is_only: bool
+) -> Body:
+    path: Path = (*parent, pose.position)
+    position, owner = fields[path], pose.owner
+    rotation = None if pose.orientation is None else fields.get((*parent, pose.orientation))
+    if position.shape == (7,):
+        position, rotation = Source(position.fields, (7,), 0, 3), Source(position.fields, (7,), 3, 7)
+    elif rotation is None:
+        owner = pose.position
+    elif rotation.shape == ():
+        order = "xyzw"
+    name = topic if is_only else f"{topic}:{'.'.join(filter(None, (*parent, owner))) or 'body'}"
+    return Body(name, topic, position, rotation, order, _error(parent, fields))
 
 
-def _stem(path: Path, word: re.Pattern[str]) -> Path:
-    """Return a path without the word that says what it is."""
-    return (*path[:-1], word.sub("", path[-1]).strip("_"))
+def _error(parent: Path, fields: Mapping[Path, Source]) -> Source | None:
+    error = fields.get((*parent, "mean_marker_error"))
+    return error if error is not None and error.shape == () else None
 
 
 def _is_point(source: Source) -> bool:
@@ -210,8 +215,8 @@ def _markers(topic: str, fields: Mapping[Path, Source], metadata: Mapping[str, A
         elif _is_point(source) and is_marker:
             name = ".".join(path[1:] if len(path) > 1 and _MARKER.search(path[0]) else path)
             found.append(Marker(prefix + name, topic, source, MARKER_KINDS.get(path[0], "Marker")))
-        elif _is_point(source) and _POSITION.search(path[-1]) and not _NO_BODY.search(_stem(path, _POSITION)[-1]):
-            name = ".".join(filter(None, _stem(path, _POSITION)))
+        elif _is_point(source) and (owner := owner_of(path[-1], POSITION)) is not None and is_body(owner):
+            name = ".".join(filter(None, (*path[:-1], owner)))
             found.append(Marker(f"{prefix}{name}" if name else topic, topic, source))
     return found
 
@@ -234,8 +239,10 @@ def _joints(topic: str, shapes: Shapes, used: set[Path], metadata: Mapping[str, 
         if path in used:
             continue
         suffix = _joint_suffix(path[-1], bool(names))
-        if len(shape) == 1 and suffix is not None:
-            of = names if len(names) == shape[0] else [f"q{number}" for number in range(shape[0])]
+        is_list = len(shape) == 1 or (shape == () and len(path) == 1)
+        if is_list and suffix is not None:
+            count = math.prod(shape)
+            of = names if len(names) == count else [f"q{number}" for number in range(count)]
             found += [
                 Joint(f"{name}{suffix}", topic, Source((path,), shape, number, number + 1))
                 for number, name in enumerate(of)
@@ -252,7 +259,7 @@ def _joint_names(metadata: Mapping[str, Any]) -> Sequence[str]:
 
 def _joint_suffix(name: str, is_named: bool) -> str | None:
     """Return what OpenSim appends to a joint's name for a field of its angle, speed or effort; None for others."""
-    for suffix, pattern, plain in _JOINT_WORDS:
-        if pattern.match(name) or (is_named and name == plain):
+    for suffix, kinds, if_named in _JOINT_KINDS:
+        if any(owner_of(name, kind) == "" for kind in (*kinds, *((if_named,) if is_named else ()))):
             return suffix
     return None

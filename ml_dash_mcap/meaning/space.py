@@ -1,4 +1,4 @@
-"""Lengths and axes: metres and millimetres, z up and y up."""
+"""Axes and units of positions as a topic's metadata states them: z up or y up, metres or millimetres."""
 
 from __future__ import annotations
 
@@ -9,18 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import ConversionError
+from .units import length_unit
 
 Floats = npt.NDArray[np.float64]
-
-DECIMALS = {"m": 0, "cm": 2, "mm": 3}
-"""Units of length, to how many decimals the point moves to the right from metres."""
-
-UNITS = {
-    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
-    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), "cm"),
-    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
-}
-"""How files spell units of length, in small letters."""
 
 UPS = ("z", "y")
 
@@ -54,15 +45,15 @@ def unit_of(metadata: Mapping[str, Any], column: str) -> str:
     Raises:
         ConversionError: It is a unit that is not known.
     """
-    said = metadata.get("length_units", metadata.get("units", "m"))
-    is_sure = "length_units" in metadata
-    if isinstance(said, Mapping):
+    stated = metadata.get("length_units", metadata.get("units", "m"))
+    is_of_field = "length_units" in metadata
+    if isinstance(stated, Mapping):
         parents = [column[:at] for at, letter in enumerate(column) if letter == "."]
-        said = next((said[name] for name in (column, *reversed(parents)) if name in said), "m")
-        is_sure = True
-    unit = UNITS.get(str(said).lower(), None if is_sure else "m")  # `units="rad"` speaks of other fields
+        stated = next((stated[name] for name in (column, *reversed(parents)) if name in stated), "m")
+        is_of_field = True
+    unit = length_unit(str(stated)) or (None if is_of_field else "m")  # `units="rad"` is about other fields
     if unit is None:
-        raise ConversionError(f"field {column!r}: its topic's metadata says {said!r}; m, cm and mm are known")
+        raise ConversionError(f"field {column!r}: its topic's metadata says {stated!r}; m, cm and mm are known")
     return unit
 
 

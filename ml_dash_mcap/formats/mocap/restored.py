@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any
 
-from ...meaning.space import DECIMALS, turned, turned_rotations, unit_of
+from ...meaning.space import turned, turned_rotations, unit_of
+from ...meaning.units import DECIMALS
 from .placement import Note
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ...meaning.space import DECIMALS, UNITS
+from ...meaning.units import DECIMALS, length_unit
 from .placement import Placement
 
 
@@ -27,19 +27,19 @@ def by_topic(placements: Sequence[Placement], units: Sequence[str]) -> dict[str,
 
 def is_length(unit: str) -> bool:
     """Whether a unit is one of length that is converted to metres."""
-    return unit.strip().lower() in UNITS
+    return length_unit(unit) is not None
 
 
 def shift(unit: str) -> int:
     """Return by how many places the decimal point of a number moves to the right on its way into a recording."""
-    known = UNITS.get(unit.strip().lower())
-    return -DECIMALS[known] if known else 0
+    length = length_unit(unit)
+    return -DECIMALS[length] if length else 0
 
 
 def converted(units: Iterable[str]) -> dict[str, Any]:
     """Return what was done with lengths of some units, for the metadata of topics; nothing if they are in metres."""
-    known = sorted({UNITS[unit.strip().lower()] for unit in units if is_length(unit)} - {"m"})
-    return {"converted": f"lengths from {' and '.join(known)} to m"} if known else {}
+    lengths = sorted({length for unit in units if (length := length_unit(unit))} - {"m"})
+    return {"converted": f"lengths from {' and '.join(lengths)} to m"} if lengths else {}
 
 
 def of_parents(units: Mapping[str, str]) -> dict[str, str]:

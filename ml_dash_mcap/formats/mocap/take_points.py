@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import ConversionError
 from ...meaning.mocap_objects import Body, Marker
-from ...meaning.space import DECIMALS
+from ...meaning.units import DECIMALS
 from ..destination import refuse_existing
 from ..export_job import Job
 from . import take_clock as rates

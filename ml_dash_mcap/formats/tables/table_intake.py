@@ -17,7 +17,7 @@ import pyarrow as pa
 from ...capture.topic_registry import TopicAbout
 from ...errors import ConversionWarning, ForeignFileError
 from ...file_names import MESSAGE
-from ...meaning.ros_units import UNITS
+from ...meaning.units import UNITS
 from ...recorder import Recorder, open_topic
 from ...rows import numpy_columns, typed_columns
 from ...rows.dotted import FIELD_PREFIX, free_names

@@ -9,7 +9,7 @@ from typing import BinaryIO
 from zoneinfo import ZoneInfo
 
 from ...errors import ForeignFileError, OptionError
-from ...meaning.space import UNITS
+from ...meaning.units import length_unit
 from .dialect import Dialect, number
 from .plain_text import decoded, is_filler
 
@@ -135,10 +135,11 @@ def unit_of_length(
         OptionError: The caller does.
     """
     if asked is not None:
-        if asked not in UNITS:
+        unit = length_unit(asked) if isinstance(asked, str) else None
+        if unit is None:
             raise OptionError(f"length_units={asked!r}: pass 'm', 'cm' or 'mm'")
-        return UNITS[asked]
-    unit = UNITS.get(stated.strip().lower())
+        return unit
+    unit = length_unit(stated)
     if unit is None:
         wrong = f"{what} {stated!r} is not known; m, cm and mm are" if stated.strip() else f"{what} is missing"
         raise ForeignFileError(path, f"{wrong}; pass length_units= to say it", line, at)

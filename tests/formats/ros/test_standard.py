@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import ConversionError, ConversionWarning
-from ml_dash_mcap.meaning import ros_units
+from ml_dash_mcap.meaning import units
 from tests.support.bags import ROBOT, Found, export, record, with_rosbags
 from tests.support.examples import examples
 
@@ -597,8 +597,8 @@ def test_a_picture_has_the_format_that_the_row_says_if_it_is_one(tmp_path: Path)
 
 
 def test_every_usual_unit_is_a_known_one() -> None:
-    assert all(ros_units.scale(quantity, None) is not None for quantity in ros_units.UNITS)
-    assert ros_units.scale("angle", "parsec") is None
+    assert all(units.scale(quantity, None) is not None for quantity in units.UNITS)
+    assert units.scale("angle", "parsec") is None
 
 
 def test_bytes_that_are_no_picture_are_left_alone(tmp_path: Path) -> None:

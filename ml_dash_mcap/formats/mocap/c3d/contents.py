@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from ....meaning.space import UNITS
+from ....meaning.units import length_unit
 from ...foreign_names import distinct
 from .. import stated_units
 from ..placement import Placement
@@ -106,7 +106,7 @@ def _outputs(head: Head) -> dict[str, tuple[str, str]]:
 
 def _rotation_unit(head: Head, unit: str) -> str:
     stated = next(iter(head.text("ROTATION", "UNITS")), "").lower()
-    return UNITS.get(stated, unit)
+    return length_unit(stated) or unit
 
 
 def _labels(head: Head, group: str, count: int, word: str) -> list[str]:

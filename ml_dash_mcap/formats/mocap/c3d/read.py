@@ -12,7 +12,8 @@ import numpy as np
 
 from ....errors import ConversionWarning, ForeignFileError
 from ....meaning import rotations
-from ....meaning.space import DECIMALS, turned, turned_rotations, unit_of
+from ....meaning.space import turned, turned_rotations, unit_of
+from ....meaning.units import DECIMALS
 from ....recorder import Recorder
 from ...registry import Progress
 from ...text.headers import unit_of_length

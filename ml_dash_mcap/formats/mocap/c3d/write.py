@@ -12,7 +12,7 @@ import numpy as np
 from ....errors import ConversionError, ConversionWarning, FormatError
 from ....meaning import rotations
 from ....meaning.mocap_objects import Body, Joint
-from ....meaning.space import DECIMALS
+from ....meaning.units import DECIMALS
 from ...destination import fresh_file, refuse_existing
 from ...export_job import Job
 from .. import take_clock as rates

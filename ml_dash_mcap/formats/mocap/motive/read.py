@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from ....meaning.space import DECIMALS
+from ....meaning.units import DECIMALS
 from ....recorder import Recorder
 from ...registry import Progress
 from ...text.dialect import number, of_line

@@ -19,7 +19,8 @@ from typing import BinaryIO
 from .... import clock as clocks
 from ....errors import ConversionError
 from ....meaning.mocap_objects import Body, Marker
-from ....meaning.space import DECIMALS, up_of
+from ....meaning.space import up_of
+from ....meaning.units import DECIMALS
 from ...destination import fresh_file, refuse_existing
 from ...export_job import Job
 from .. import take_clock as rates

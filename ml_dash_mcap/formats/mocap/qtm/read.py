@@ -11,7 +11,7 @@ import numpy as np
 
 from ....errors import ForeignFileError
 from ....meaning import rotations
-from ....meaning.space import DECIMALS
+from ....meaning.units import DECIMALS
 from ....recorder import Recorder
 from ...file_signs import QTM_FIRST_LINE
 from ...file_start import FileStart

@@ -14,6 +14,7 @@ import numpy as np
 
 from ....errors import ConversionError, ConversionWarning
 from ....meaning.mocap_objects import Joint, Source
+from ....meaning.units import angle_unit
 from ...destination import fresh_file, refuse_existing
 from ...export_job import Job
 from .. import take_clock as rates
@@ -109,9 +110,8 @@ def _are_degrees(job: Job, joints: Sequence[Joint]) -> bool:
 
 def _angle_unit(metadata: Mapping[str, Any], column: str) -> str | None:
     """Return "deg" or "rad" as a topic's metadata says a field's unit; None if it says neither."""
-    said = metadata.get("units")
-    word = str(said.get(column) if isinstance(said, Mapping) else said).lower()
-    return {"deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "radians": "rad"}.get(word)
+    stated = metadata.get("units")
+    return angle_unit(str(stated.get(column) if isinstance(stated, Mapping) else stated))
 
 
 def every_number(job: Job, topic: str) -> list[Joint]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ....errors import ForeignFileError
-from ....meaning.space import DECIMALS
+from ....meaning.units import DECIMALS
 from ....recorder import Recorder
 from ...foreign_names import distinct
 from ...registry import Progress

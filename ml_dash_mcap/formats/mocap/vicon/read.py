@@ -12,7 +12,7 @@ import numpy as np
 from ....capture.topic_registry import TopicAbout
 from ....errors import ForeignFileError
 from ....file_names import MESSAGE
-from ....meaning import space
+from ....meaning.units import DECIMALS
 from ....recorder import Recorder, open_topic
 from ....topic import Topic
 from ...registry import Progress
@@ -29,7 +29,7 @@ from ..track_rows import Report, Tracks, checked
 from . import contents, sections
 from .sections import LEADING, Section
 
-_MM = space.DECIMALS["mm"]
+_MM = DECIMALS["mm"]
 _EVENTS_TOPIC = "events"
 
 

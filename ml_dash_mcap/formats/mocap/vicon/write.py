@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ....meaning.mocap_objects import Body
-from ....meaning.space import DECIMALS
+from ....meaning.units import DECIMALS
 from ...destination import fresh_file
 from ...export_job import Job
 from ..motive.write import note_of

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ....codecs.ros.message_columns import Column, Constant, Ragged, texts
 from ....errors import ConversionWarning
-from ....meaning import ros_units
+from ....meaning import units
 from . import stated_texts
 from .context import BadRows, Context
 from .lossless import Field, names_image
@@ -126,8 +126,8 @@ def _encodings(context: Context, encoding: str, one: Field, data: Array) -> Colu
 
 def _depths(context: Context, data: Array, metres: float) -> Array:
     """Return depths in ROS's unit, which is so many metres (https://www.ros.org/reps/rep-0118.html)."""
-    unit = ros_units.said(context.derived.metadata.get("units"), [one.key for one in context.derived.fields["data"]])
-    found = ros_units.scale("length", unit) if unit is not None else None
+    unit = units.of_field(context.derived.metadata.get("units"), [one.key for one in context.derived.fields["data"]])
+    found = units.scale("length", unit) if unit is not None else None
     if found is None or found.factor == metres:
         return data
     scaled = data * (found.factor / metres)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from ....meaning import field_kinds as kinds
+from ....meaning.field_kinds import FieldKind
 from .lossless import Field
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -21,7 +23,7 @@ TF = "tf2_msgs/msg/TFMessage"
 
 Shape = tuple[int, ...] | str
 
-_V3, _V4, _V6, _V7, _V16, _M33, _M44 = (3,), (4,), (6,), (7,), (16,), (3, 3), (4, 4)
+_M33 = (3, 3)
 _ANY_VECTOR = "vector"
 _COLORS = "colors"
 _DEPTH = "depth"
@@ -43,34 +45,38 @@ class Role:
     """What it measures, for the units, or what each half does: see `units`."""
 
 
+def _role(kind: FieldKind) -> Role:
+    return Role(kind.shapes, kind.quantity)
+
+
 ROLES: Mapping[str, Mapping[str, Role]] = {
     JOINT_STATE: {
-        "position": Role(((), _ANY_VECTOR), "angle"),
-        "velocity": Role(((), _ANY_VECTOR), "angular velocity"),
-        "effort": Role(((), _ANY_VECTOR), "torque"),
+        "position": Role(((), _ANY_VECTOR), kinds.JOINT_POSITION.quantity),
+        "velocity": Role(((), _ANY_VECTOR), kinds.JOINT_VELOCITY.quantity),
+        "effort": Role(((), _ANY_VECTOR), kinds.JOINT_EFFORT.quantity),
     },
     POSE: {
-        "position": Role((_V3,), "length"),
-        "orientation": Role((_V4,)),
-        "pose": Role((_M44, _V16, _V7), "length"),
+        "position": _role(kinds.POSITION),
+        "orientation": _role(kinds.ORIENTATION),
+        "pose": _role(kinds.POSE),
     },
     TWIST: {
-        "linear": Role((_V3,), "velocity"),
-        "angular": Role((_V3,), "angular velocity"),
-        "twist": Role((_V6,), ("velocity", "angular velocity")),
+        "linear": _role(kinds.LINEAR_VELOCITY),
+        "angular": _role(kinds.ANGULAR_VELOCITY),
+        "twist": _role(kinds.TWIST),
     },
     WRENCH: {
-        "force": Role((_V3,), "force"),
-        "torque": Role((_V3,), "torque"),
-        "wrench": Role((_V6,), ("force", "torque")),
+        "force": _role(kinds.FORCE),
+        "torque": _role(kinds.TORQUE),
+        "wrench": _role(kinds.WRENCH),
     },
     IMU: {
-        "linear_acceleration": Role((_V3,), "acceleration"),
-        "angular_velocity": Role((_V3,), "angular velocity"),
-        "orientation": Role((_V4,)),
+        "linear_acceleration": _role(kinds.ACCELERATION),
+        "angular_velocity": _role(kinds.ANGULAR_RATE),
+        "orientation": _role(kinds.ORIENTATION),
     },
-    MAGNETIC: {"magnetic_field": Role((_V3,), "magnetic field")},
-    TEMPERATURE: {"temperature": Role(((),), "temperature")},
+    MAGNETIC: {"magnetic_field": _role(kinds.MAGNETIC_FIELD)},
+    TEMPERATURE: {"temperature": _role(kinds.TEMPERATURE)},
     CAMERA_INFO: {
         "k": Role((_M33, (9,))),
         "d": Role((_ANY_VECTOR,)),
@@ -165,42 +171,47 @@ class Convention:
 GRIPPER = "gripper"
 """The topic, and the name, of a joint that is none of the arm's."""
 
-_POSITIONS = ("q", "qpos", "joint_pos", "joint_position", "joint_positions")
-_VELOCITIES = ("qd", "dq", "qvel", "joint_vel", "joint_velocity", "joint_velocities")
-_EFFORTS = ("tau", "effort", "joint_torque", "joint_torques")
 CONVENTIONS = (
     Convention(
         "joint_states",
         JOINT_STATE,
         {
-            "position": ("position", "positions", *_POSITIONS),
-            "velocity": ("velocity", "velocities", *_VELOCITIES),
-            "effort": ("effort", "efforts", *_EFFORTS),
+            "position": (*kinds.NAMED_POSITION.names, *kinds.JOINT_POSITION.names),
+            "velocity": (*kinds.NAMED_VELOCITY.names, *kinds.JOINT_VELOCITY.names),
+            "effort": (*kinds.NAMED_EFFORT.names, *kinds.JOINT_EFFORT.names),
         },
         is_named=True,
     ),
-    Convention("joint_states", JOINT_STATE, {"position": _POSITIONS, "velocity": _VELOCITIES, "effort": _EFFORTS}),
-    Convention("joint_command", JOINT_STATE, {"position": ("target_q", "q_des", "q_cmd")}),
-    Convention(GRIPPER, JOINT_STATE, {"position": ("gripper", "gripper_pos", "gripper_width")}),
-    Convention("ee_pose", POSE, {"position": ("ee_pos", "ee_position"), "orientation": ("ee_quat", "ee_orientation")}),
-    Convention("ee_pose", POSE, {"pose": ("ee_pose", "T_ee", "ee_T")}),
-    Convention("pose", POSE, {"position": ("pos", "position"), "orientation": ("quat", "orientation")}),
-    Convention("pose", POSE, {"pose": ("pose", "T_*")}),
-    Convention("twist", TWIST, {"linear": ("linear", "lin_vel"), "angular": ("angular", "ang_vel")}),
-    Convention("twist", TWIST, {"twist": ("ee_vel", "ee_twist", "twist")}),
-    Convention("wrench", WRENCH, {"force": ("force",), "torque": ("torque",)}),
-    Convention("wrench", WRENCH, {"wrench": ("wrench", "ee_wrench")}),
+    Convention(
+        "joint_states",
+        JOINT_STATE,
+        {
+            "position": kinds.JOINT_POSITION.names,
+            "velocity": kinds.JOINT_VELOCITY.names,
+            "effort": kinds.JOINT_EFFORT.names,
+        },
+    ),
+    Convention("joint_command", JOINT_STATE, {"position": kinds.JOINT_COMMAND.names}),
+    Convention(GRIPPER, JOINT_STATE, {"position": kinds.GRIPPER.names}),
+    Convention("ee_pose", POSE, {"position": kinds.POSITION.of("ee"), "orientation": kinds.ORIENTATION.of("ee")}),
+    Convention("ee_pose", POSE, {"pose": ("ee_pose", "T_ee", "ee_T", "ee_transform")}),
+    Convention("pose", POSE, {"position": kinds.POSITION.names, "orientation": kinds.ORIENTATION.names}),
+    Convention("pose", POSE, {"pose": ("pose", "T_*", "transform")}),
+    Convention("twist", TWIST, {"linear": kinds.LINEAR_VELOCITY.names, "angular": kinds.ANGULAR_VELOCITY.names}),
+    Convention("twist", TWIST, {"twist": kinds.TWIST.names}),
+    Convention("wrench", WRENCH, {"force": kinds.FORCE.names, "torque": kinds.TORQUE.names}),
+    Convention("wrench", WRENCH, {"wrench": kinds.WRENCH.names}),
     Convention(
         "imu",
         IMU,
         {
-            "linear_acceleration": ("accel", "acceleration", "linear_acceleration"),
-            "angular_velocity": ("gyro", "angular_velocity"),
-            "orientation": ("quat", "orientation"),
+            "linear_acceleration": kinds.ACCELERATION.names,
+            "angular_velocity": kinds.ANGULAR_RATE.names,
+            "orientation": kinds.ORIENTATION.names,
         },
     ),
-    Convention("mag", MAGNETIC, {"magnetic_field": ("mag",)}),
-    Convention("temp", TEMPERATURE, {"temperature": ("temp", "temperature")}),
+    Convention("mag", MAGNETIC, {"magnetic_field": kinds.MAGNETIC_FIELD.names}),
+    Convention("temp", TEMPERATURE, {"temperature": kinds.TEMPERATURE.names}),
     Convention(
         "camera_info",
         CAMERA_INFO,
@@ -210,12 +221,26 @@ CONVENTIONS = (
     Convention("depth", IMAGE, {"data": ("depth",)}, _DEPTH),
     Convention("image/compressed", COMPRESSED, {"data": ("rgb", "image", "img", "jpeg", "jpg", "png")}),
 )
+"""What the fields of one dict make; poses of other owners than `ee` are added to them by `field_kinds.poses`."""
+
+
+def vector_shape(one: Field) -> tuple[int, ...] | None:
+    """Return the shape that a field has as a vector: a dict of the numbers x y z is [3], one of x y z w is [4].
+
+    None for a field that is neither a number, nor a list of numbers of one shape, nor such a dict.
+    """
+    if one.message is None:
+        is_number = one.is_array or one.kind in ("float64", "int64", "uint64")
+        return one.shape if is_number and one.kind != "bool" else None
+    letters = "".join(sorted(inner.key for inner in one.message.fields))
+    is_vector = letters in ("xyz", "wxyz") and all(vector_shape(inner) == () for inner in one.message.fields)
+    return (len(letters),) if is_vector and one.shape == () else None
 
 
 def fits(one: Field, role: Role, *, embeds: bool = False) -> bool:
     """Whether a field can fill a role; with `embeds`, a text that is the path of an image is the image."""
     if one.message is not None:
-        return False
+        return vector_shape(one) in role.shapes
     if _BYTES in role.shapes:
         return one.shape == () and (one.kind == "bytes" or (embeds and one.kind == "string"))
     if one.kind == "bool" or not (one.is_array or one.kind in ("float64", "int64", "uint64")):

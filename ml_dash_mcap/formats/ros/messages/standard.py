@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ....errors import ConversionError
+from ....meaning.field_kinds import is_matrix_name, poses, spelled
 from .. import ros_names
 from .conventions import (
     COMPRESSED,
@@ -31,6 +32,7 @@ from .conventions import (
     fits,
     is_ragged,
     says,
+    vector_shape,
 )
 from .lossless import Field, Message
 
@@ -99,6 +101,10 @@ def derive(
                 said = metadata if convention.suffix != GRIPPER else _without_names(metadata)
                 details = _details(message, convention.type, next(iter(roles.values()))[:-1])
                 found.append(Derived(name, convention.type, roles, message, details, said))
+        for name, roles in _other_poses(base, fields, path, found):
+            if name not in taken:
+                taken.add(name)
+                found.append(Derived(name, POSE, roles, message, _details(message, POSE, path), metadata))
         for one in fields.values() if embeds else ():
             name = f"{base}/{_picture(one)}/compressed"
             if one.names_images and one.shape == () and name not in taken:
@@ -151,6 +157,22 @@ def _levels(fields: Sequence[Field], path: tuple[Field, ...]) -> Iterable[tuple[
             yield from _levels(one.message.fields, (*path, one))
 
 
+def _other_poses(
+    base: str, fields: Mapping[str, Field], path: tuple[Field, ...], found: Sequence[Derived]
+) -> Iterable[tuple[str, dict[str, tuple[Field, ...]]]]:
+    """Yield the topics of poses that no convention made, and their fields: those of `tcp_pos` and `tcp_quat`."""
+    used = [way for derived in found if derived.type == POSE for way in derived.fields.values()]
+    shapes = {key: shape for key, one in fields.items() if (shape := vector_shape(one))}
+    for pose in poses(shapes):
+        if pose.orientation is None:
+            roles = {"pose": (*path, fields[pose.position])}
+        else:
+            roles = {"position": (*path, fields[pose.position]), "orientation": (*path, fields[pose.orientation])}
+        if not any(way in used for way in roles.values()):
+            name = pose.position if is_matrix_name(pose.position) else f"{pose.owner}_pose" if pose.owner else "pose"
+            yield f"{base}/{ros_names.field(name)}", roles
+
+
 def _matching(
     convention: Convention, fields: Mapping[str, Field], path: tuple[Field, ...]
 ) -> dict[str, tuple[Field, ...]] | None:
@@ -171,9 +193,13 @@ def _matching(
         for name in detail.names
     ):
         return None
-    shapes = {way[-1].shape for way in roles.values()}
-    if convention.type == JOINT_STATE and len(shapes) > 1 and None not in shapes:
-        return None
+    if convention.type == JOINT_STATE:
+        shapes = {way[-1].shape for way in roles.values()}
+        if len(shapes) > 1 and None not in shapes:
+            return None
+        torque = fields.get("torque")  # of a wrench, unless there is one for each joint
+        if "position" in roles and "effort" not in roles and torque is not None and torque.shape in shapes:
+            roles["effort"] = (*path, torque)
     return roles
 
 
@@ -185,7 +211,8 @@ def _named(known: Sequence[str], fields: Mapping[str, Field]) -> Field | None:
                 return fields[found[0]]
         elif name in fields:
             return fields[name]
-    return None
+    by_spelling = {spelled(key): one for key, one in fields.items()}
+    return next((by_spelling[name] for name in known if name in by_spelling), None)
 
 
 def _asked(message: Message, topic: str, metadata: Mapping[str, Any], suffix: str, said: Any, embeds: bool) -> Derived:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ....codecs.ros.message_columns import Column, Constant, Indices, Ragged, pick
 from ....errors import ConversionWarning
-from ....meaning import ros_units, rotations
+from ....meaning import rotations, units
 from . import cameras, conventions, joints, stated_texts
 from .context import BadRows, Context, Load, Stated
 from .lossless import INTEGER, PRESENT, STATE, Field, Message
@@ -47,6 +47,8 @@ def _is_there(
             having &= (states == PRESENT) | (states == INTEGER)
         if one.message is not None:
             inner, at = one.message, at[one.name]
+    if inner.is_stated and way[-1].message is inner:  # a dict that is a vector has all of its numbers
+        having &= np.isin(at[STATE], (PRESENT, INTEGER)).all(axis=1)
     return having
 
 
@@ -93,9 +95,9 @@ def _details(column: Mapping[str, Column], derived: Derived, role: str, rows: In
     detail = conventions.DETAILS.get(derived.type, {}).get(role)
     if detail is None or detail.of is None or detail.of not in derived.fields or isinstance(at, Ragged):
         return at
-    of_unit = ros_units.said(derived.metadata.get("units"), [one.key for one in derived.fields[detail.of]])
+    of_unit = units.of_field(derived.metadata.get("units"), [one.key for one in derived.fields[detail.of]])
     quantity = conventions.ROLES[derived.type][detail.of].quantity
-    scale = ros_units.scale(quantity if isinstance(quantity, str) else None, of_unit)
+    scale = units.scale(quantity if isinstance(quantity, str) else None, of_unit)
     assert scale is not None  # `checks` saw to it
     return np.asarray(at, np.float64).reshape(len(rows), -1) * scale.factor**2
 
@@ -105,14 +107,17 @@ def _values(column: Mapping[str, Column], derived: Derived, role: str, rows: Ind
     at = _at(column, way, rows, count)
     if isinstance(at, Ragged):
         return _scaled_lists(derived, role, at)
-    at = at.reshape(len(rows), *(way[-1].shape or ()))
+    if way[-1].message is not None:
+        numbers = {inner.key: at[inner.name] for inner in way[-1].message.fields}
+        at = np.stack([np.asarray(numbers[key], np.float64) for key in "xyzw" if key in numbers], axis=1)
+    at = at.reshape(len(rows), *(conventions.vector_shape(way[-1]) or way[-1].shape or ()))
     quantity = conventions.ROLES[derived.type][role].quantity
-    unit = ros_units.said(derived.metadata.get("units"), [one.key for one in way])
+    unit = units.of_field(derived.metadata.get("units"), [one.key for one in way])
     if isinstance(quantity, tuple):
-        both = ros_units.halves(*quantity, unit)
+        both = units.halves(*quantity, unit)
         assert both is not None  # `checks` saw to it
         return at if both[0].factor == both[1].factor == 1 else at * np.repeat([one.factor for one in both], 3)
-    found = ros_units.scale(quantity, unit)
+    found = units.scale(quantity, unit)
     assert found is not None
     if quantity is None or (found.factor == 1 and not found.offset):
         return at
@@ -127,8 +132,8 @@ def _values(column: Mapping[str, Column], derived: Derived, role: str, rows: Ind
 def _scaled_lists(derived: Derived, role: str, values: Ragged) -> Ragged:
     """Return lists of numbers in ROS's unit; whatever else comes as lists has no unit."""
     quantity = conventions.ROLES[derived.type][role].quantity
-    unit = ros_units.said(derived.metadata.get("units"), [one.key for one in derived.fields[role]])
-    scale = ros_units.scale(quantity, unit) if isinstance(quantity, str) else None
+    unit = units.of_field(derived.metadata.get("units"), [one.key for one in derived.fields[role]])
+    scale = units.scale(quantity, unit) if isinstance(quantity, str) else None
     if scale is None or (scale.factor == 1 and not scale.offset):
         return values
     return values._replace(items=np.asarray(values.items) * scale.factor + scale.offset)
@@ -176,19 +181,20 @@ def _position_and_orientation(context: Context, values: dict[str, Array]) -> tup
 
 def _oriented(context: Context, given: Array, role: str) -> Array | BadRows:
     """Return unit quaternions x y z w."""
-    said = context.derived.metadata.get("quat_order")
+    is_dict = context.derived.fields[role][-1].message is not None  # whose keys say what is what
+    order = "xyzw" if is_dict else context.derived.metadata.get("quat_order")
     bad = rotations.not_unit(given) | ~np.isfinite(given).all(axis=1)
     key = context.derived.key(role)
     if bad.any():
         return BadRows(bad, f"field {key!r} is no unit quaternion: {given[int(np.argmax(bad))].tolist()}")
-    if said is None and len(given) and abs(abs(given[0, 0]) - 1) < 1e-6:
+    if order is None and len(given) and abs(abs(given[0, 0]) - 1) < 1e-6:
         warnings.warn(
             f"{context.derived.topic}: field {key!r} starts with {given[0].tolist()}, which looks like w x y z, and is"
             " taken for x y z w; say quat_order='xyzw' or 'wxyz' with the topic",
             ConversionWarning,
             stacklevel=2,
         )
-    return rotations.to_xyzw(given, said or "xyzw")
+    return rotations.to_xyzw(given, order or "xyzw")
 
 
 def _twist(context: Context, values: dict[str, Array]) -> dict[str, Column]:

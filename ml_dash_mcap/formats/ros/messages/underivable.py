@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ....meaning import ros_units
+from ....meaning import units
 from . import conventions, standard
 from .conventions import Role
 from .standard import Derived
@@ -32,12 +32,12 @@ def _check_units(derived: Derived) -> str | None:
     if not isinstance(said, Mapping):
         return f"its units are {said!r}; they must be a dict of fields"
     for role, way in derived.fields.items():
-        unit = ros_units.said(said, [one.key for one in way])
+        unit = units.of_field(said, [one.key for one in way])
         quantity = _quantity(derived, role, conventions.ROLES[derived.type][role])
-        found = ros_units.halves(*quantity, unit) if isinstance(quantity, tuple) else ros_units.scale(quantity, unit)
+        found = units.halves(*quantity, unit) if isinstance(quantity, tuple) else units.scale(quantity, unit)
         if found is None:
             names = quantity if isinstance(quantity, tuple) else (str(quantity),)
-            known = "; ".join(f"as {name} these are known: {', '.join(ros_units.UNITS[name])}" for name in names)
+            known = "; ".join(f"as {name} these are known: {', '.join(units.UNITS[name])}" for name in names)
             return f"field {derived.key(role)!r} is in {unit!r}; {known}"
     return None
 

@@ -1,4 +1,4 @@
-"""Units that people log in, to those that ROS's messages are in (https://www.ros.org/reps/rep-0103.html)."""
+"""Units that people log in, by quantity, and how they come to the SI units that ROS's messages are in (REP 103)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class Scale(NamedTuple):
-    """How to come to ROS's unit: multiply, then add."""
+    """How to come to the SI unit: multiply, then add."""
 
     factor: float
     offset: float = 0.0
@@ -36,11 +36,25 @@ UNITS: Mapping[str, Mapping[str, Scale]] = {
 }
 """Quantities, to the units that are known. A joint may be a linear one: then its angle is a length."""
 
+SPELLINGS: Mapping[str, str] = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), "cm"),
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
+    **dict.fromkeys(("rad", "radian", "radians"), "rad"),
+    **dict.fromkeys(("deg", "degree", "degrees"), "deg"),
+}
+"""Other spellings of units, in small letters; whoever writes them out may use capitals."""
+
+DECIMALS: Mapping[str, int] = {"m": 0, "cm": 2, "mm": 3}
+"""Units of length that files of others have, to how many decimals the point moves to the right from metres.
+
+Moving the point of a number's text is exact, which multiplying a double by `UNITS` is not."""
+
 USUAL: Mapping[str, str] = {"magnetic field": "uT"}
 """What a field is in that no unit was given for, where that is not ROS's own unit: ml-dash's documentation says so."""
 
 
-def said(units: object, way: Sequence[str]) -> object:
+def of_field(units: object, way: Sequence[str]) -> object:
     """Return what a topic's `units` say of a field; None if nothing.
 
     Args:
@@ -56,30 +70,26 @@ def said(units: object, way: Sequence[str]) -> object:
 
 
 def halves(first: str, second: str, unit: object) -> tuple[Scale, Scale] | None:
-    """Return how the two halves of a field come to ROS's units; None if the unit is of neither.
+    """Return how the two halves of a field come to SI units; None if the unit is of neither.
 
     Args:
         first: The quantity of its first three values.
         second: That of the others.
         unit: One of either, such as "mm/s", or both, such as "mm/s, deg/s".
     """
-    given = [one.strip() for one in unit.split(",")] if isinstance(unit, str) else unit
+    given = [part.strip() for part in unit.split(",")] if isinstance(unit, str) else unit
     if given is None:
         return _SAME, _SAME
-    if isinstance(given, (list, tuple)) and len(given) == 2:
-        found = scale(first, given[0]), scale(second, given[1])
-        return found if found[0] is not None and found[1] is not None else None  # type: ignore[return-value]
-    if isinstance(given, (list, tuple)) and len(given) == 1:
-        one = scale(first, given[0])
-        if one is not None:
-            return one, _SAME
-        one = scale(second, given[0])
-        return (_SAME, one) if one is not None else None
-    return None
+    if not isinstance(given, (list, tuple)) or len(given) not in (1, 2):
+        return None
+    scales = scale(first, given[0]), scale(second, given[-1])
+    if len(given) == 1:
+        scales = (scales[0], _SAME) if scales[0] is not None else (_SAME, scales[1])
+    return scales if scales[0] is not None and scales[1] is not None else None  # type: ignore[return-value]
 
 
 def scale(quantity: str | None, unit: object) -> Scale | None:
-    """Return how a field's values come to ROS's unit; None if the unit is not one of the quantity's.
+    """Return how a field's values come to the SI unit; None if the unit is not one of the quantity's.
 
     Args:
         quantity: One of `UNITS`; None for what has no unit.
@@ -91,4 +101,19 @@ def scale(quantity: str | None, unit: object) -> Scale | None:
         unit = USUAL.get(quantity)
         if unit is None:
             return _SAME
-    return UNITS[quantity].get(unit) if isinstance(unit, str) else None
+    if not isinstance(unit, str):
+        return None
+    scales = UNITS[quantity]
+    return scales.get(unit) or scales.get(SPELLINGS.get(unit.strip().lower(), unit))
+
+
+def length_unit(text: str) -> str | None:
+    """Return the unit of length that a text spells: "m", "cm" or "mm"; None for any other text."""
+    unit = SPELLINGS.get(text.strip().lower())
+    return unit if unit in DECIMALS else None
+
+
+def angle_unit(text: str) -> str | None:
+    """Return the unit of angles that a text spells: "deg" or "rad"; None for any other text."""
+    unit = SPELLINGS.get(text.strip().lower())
+    return unit if unit in ("deg", "rad") else None
