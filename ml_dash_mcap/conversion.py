@@ -42,7 +42,8 @@ def convert(
             the new one is whole.
         progress: Called now and then with the rows done and the rows in all.
         options: Of what is read (a format's, or those of `Recording`, such as `on_damage`), and of the format that is
-            written. Those that both have go to writing.
+            written. Those that both have go to writing. An instance of a format's class of options, such as
+            `ParquetWriteOptions(flatten=True)`, can be passed as `options` instead.
 
     Returns:
         `dest`.
@@ -107,6 +108,8 @@ def _options_of_reading(src: str | Path, format: str, options: Mapping[str, Any]
     Raises:
         UsageError: One is neither of reading nor of writing.
     """
+    if readers.takes(src, options.get("options")):
+        return {"options": options["options"]}
     writing = {*inspect.signature(Recording.export).parameters, *options_of(format)}
     rest = {name: value for name, value in options.items() if name not in writing}
     reading = (readers.options_of(src) or _OF_RECORDINGS) if rest else []

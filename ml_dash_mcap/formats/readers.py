@@ -68,6 +68,12 @@ def options_of(src: str | Path) -> list[str]:
     return [] if entry is None else registry.option_names(entry.read_options)
 
 
+def takes(src: str | Path, options: object) -> bool:
+    """Whether something is an instance of the class of options that reading what is at a path has."""
+    entry = registry.find(registry.detect(src), "read")
+    return entry is not None and isinstance(options, registry.load(entry.read_options))
+
+
 def read_as_it_is(path: Path) -> list[Path] | None:
     """Return the MCAP files of what is at a path, in the order of writing, if they can be read where they lie.
 
@@ -92,7 +98,7 @@ def as_folder(path: str | Path, *, salvages: bool = False, **options: Any) -> te
         As `record`; then there is no folder.
     """
     wanted = {**options, **({"on_damage": "skip"} if salvages else {})}
-    names = options_of(path)
+    names = [*options_of(path), "options"]
     folder = tempfile.TemporaryDirectory(prefix="ml_dash_mcap-")
     try:
         into(path, Path(folder.name), Path(path).name, **{name: wanted[name] for name in wanted if name in names})

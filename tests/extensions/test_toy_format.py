@@ -194,3 +194,15 @@ def test_a_format_can_be_forgotten_but_not_those_of_the_library(toys: Path) -> N
     registry.unregister("csv")
     assert registry.detect(toys) is None
     assert "csv" in registry.names("write")
+
+
+def test_an_instance_of_options_goes_to_reading_or_writing_by_its_class(toys: Path, tmp_path: Path) -> None:
+    convert(toys, tmp_path / "late.toy", options=ToyReadOptions(shift_s=10.0), digits=1)
+    assert (tmp_path / "late.toy").read_bytes() == MAGIC + b"car 11.0 0.5\ncar 12.0 0.2\ndoll 11.5 3\n"
+    convert(toys, tmp_path / "short.toy", options=ToyWriteOptions(digits=1))
+    assert (tmp_path / "short.toy").read_bytes() == MAGIC + b"car 1.0 0.5\ncar 2.0 0.2\ndoll 1.5 3\n"
+    convert(toys, tmp_path / "run", options=ToyReadOptions(shift_s=1.0))
+    with Recording(tmp_path / "run") as recording:
+        assert recording.start == 2.0
+    with pytest.raises(UsageError, match="takes ToyWriteOptions as options=, not dict"):
+        convert(toys, tmp_path / "odd.toy", options={"digits": 1})
