@@ -501,7 +501,7 @@ class Recording(Mapping[str, TopicReader]):
         return list(topic_rows.read(self._stored(topic)))
 
     def _channel_names(self) -> set[str]:
-        return {channel.topic for file in self._opened() for channel in file.glance.channels.values()}
+        return {topic for file in self._opened() for topic in file.glance.channels_by_topic}
 
     def _topic_names(self) -> list[str]:
         return sorted(name for name in self._channel_names() if not name.startswith(OWN_TOPICS))

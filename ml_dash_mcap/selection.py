@@ -213,7 +213,8 @@ class Selection:
         return f"<Selection of {self.topic!r}{listed}>"
 
     def _checked(self) -> TopicPart:
-        """Return what to read, once it is known that the topic has the columns."""
+        """Return what to read, once it is known that the recording is open and that the topic has the columns."""
+        self.part.stored.check_open()
         for name in self.part.columns or ():
             if not self._has(name):
                 raise not_found("column", name, self._info().fields, f"topic {self.topic!r}")

@@ -75,7 +75,7 @@ class _Begins:
         """Return a recorder's first time stamp on a topic of the user's, in s; None if it took no row."""
         if run not in self._known:
             files = [file for file in self._files if writing_order.run_of(file) == run]
-            topics = {channel.topic for file in files for channel in file.glance.channels.values()}
+            topics = {topic for file in files for topic in file.glance.channels_by_topic}
             users = [StoredTopic(files, topic) for topic in topics if not topic.startswith(OWN_TOPICS)]
             starts = [counts.first(topic)[0] for topic in users]
             self._known[run] = min((start for start in starts if start is not None), default=None)

@@ -92,7 +92,7 @@ def find(files: Sequence[File], is_recorded: Callable[[str], bool]) -> list[RunI
 
 def _run(index: int, name: str, files: Sequence[File], is_recorded: bool) -> RunInfo:
     spans = run_metadata.spans(files)
-    topics = sorted({channel.topic for file in files for channel in file.glance.channels.values()})
+    topics = sorted({topic for file in files for topic in file.glance.channels_by_topic})
     users = [topic for topic in topics if not topic.startswith(OWN_TOPICS)]
     return RunInfo(
         index=index,

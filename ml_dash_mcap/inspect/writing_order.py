@@ -107,7 +107,7 @@ def _parts(file: File, topics: Collection[str], damage: list[DamagedFileError]) 
             return error
 
     found: list[_Part] = []
-    chunks = (chunk for _, chunk in chunk_table.holding(index.chunks, wanted, 0, LAST_NS))
+    chunks = (index.chunks[at] for at in chunk_table.holding(index.chunks, wanted, 0, LAST_NS).tolist())
     for parts in read_ahead.in_order(do, chunks, weigh=lambda chunk: chunk.uncompressed_size):
         if isinstance(parts, DamagedFileError):
             damage.append(parts)

@@ -74,6 +74,8 @@ class ChunkTable(Sequence[Chunk]):
             self._row[one.rows] = np.arange(len(one.rows))
         self._known: dict[int, Chunk] = {int(place[at]): chunk for at, chunk in others}
         self._others = list(self._known)
+        self._same_ids = [_same_row(one.ids) for one in self._alike]
+        """Of each group, the channels of all its chunks, if they have the same ones, as most recordings' have."""
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -94,22 +96,15 @@ class ChunkTable(Sequence[Chunk]):
     def __iter__(self) -> Iterator[Chunk]:
         return (self[at] for at in range(len(self)))
 
-    def holding(self, channels: Collection[int] | None, start_ns: int, end_ns: int) -> Iterator[tuple[int, Chunk]]:
-        """Yield the place and the chunk of all that may hold a wanted message.
-
-        Args:
-            channels: The ids of the wanted channels; None for all.
-            start_ns: First log time wanted, in ns.
-            end_ns: Last log time wanted, included, in ns.
-        """
+    def holding(self, channels: Collection[int] | None, start_ns: int, end_ns: int) -> npt.NDArray[np.intp]:
+        """Do what the function `holding` does."""
         if start_ns > _LAST or end_ns < 0:
-            return
+            return np.empty(0, np.intp)
         wanted = self.numbers["end_ns"] >= np.uint64(max(start_ns, 0))
         wanted &= self.numbers["start_ns"] <= np.uint64(min(end_ns, _LAST))
         if channels is not None:
             wanted &= self._hold(channels)
-        for at in np.flatnonzero(wanted).tolist():
-            yield at, self[at]
+        return np.flatnonzero(wanted)
 
     def channels(self) -> set[int]:
         """Do what the function `channels` does."""
@@ -152,8 +147,10 @@ class ChunkTable(Sequence[Chunk]):
     def _hold(self, channels: Collection[int]) -> npt.NDArray[np.bool_]:
         held = np.ones(len(self), np.bool_)
         ids = np.fromiter(channels, np.uint16, len(channels))
-        for one in self._alike:
-            if one.ids.shape[1]:
+        for one, same in zip(self._alike, self._same_ids, strict=True):
+            if same is not None:
+                held[one.rows] = not same.isdisjoint(channels)
+            elif one.ids.shape[1]:
                 held[one.rows] = np.isin(one.ids, ids).any(axis=1)
         for at in self._others:
             held[at] = may_hold(self[at], channels)
@@ -176,16 +173,37 @@ class ChunkTable(Sequence[Chunk]):
         )
 
 
+def _same_row(ids: npt.NDArray[np.uint16]) -> frozenset[int] | None:
+    """Return what all rows of a matrix hold; None if they differ, or are empty."""
+    is_same = ids.size > 0 and bool((ids == ids[0]).all())
+    return frozenset(ids[0].tolist()) if is_same else None
+
+
 def holding(
     chunks: Sequence[Chunk], channels: Collection[int] | None, start_ns: int, end_ns: int
-) -> Iterator[tuple[int, Chunk]]:
-    """Do what `ChunkTable.holding` does, for any chunks."""
+) -> npt.NDArray[np.intp]:
+    """Return which chunks may hold a wanted message, as places in `chunks`, ascending.
+
+    Args:
+        chunks: Of a file.
+        channels: The ids of the wanted channels; None for all.
+        start_ns: First log time wanted, in ns.
+        end_ns: Last log time wanted, included, in ns.
+    """
     if isinstance(chunks, ChunkTable):
-        yield from chunks.holding(channels, start_ns, end_ns)
-        return
-    for at, chunk in enumerate(chunks):
-        if chunk.end_ns >= start_ns and chunk.start_ns <= end_ns and may_hold(chunk, channels):
-            yield at, chunk
+        return chunks.holding(channels, start_ns, end_ns)
+    is_held = (one.end_ns >= start_ns and one.start_ns <= end_ns and may_hold(one, channels) for one in chunks)
+    return np.array([at for at, held in enumerate(is_held) if held], np.intp)
+
+
+def times(
+    chunks: Sequence[Chunk], which: npt.NDArray[np.intp]
+) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.uint64]]:
+    """Return the first and the last log times of some chunks, in ns."""
+    if isinstance(chunks, ChunkTable):
+        return chunks.numbers["start_ns"][which], chunks.numbers["end_ns"][which]
+    some = [chunks[at] for at in which.tolist()]
+    return np.array([one.start_ns for one in some], np.uint64), np.array([one.end_ns for one in some], np.uint64)
 
 
 def is_read_with(chunk: Chunk, start: int, end: int) -> bool:
@@ -279,5 +297,8 @@ def spans(chunks: Sequence[Chunk]) -> set[tuple[int, int]]:
 
 def may_hold(chunk: Chunk, channels: Collection[int] | None) -> bool:
     """Whether a chunk may hold messages of some channels, None for any, by what its index says."""
-    known = chunk.message_index_offsets if chunk.indexed else chunk.counts
-    return channels is None or known is None or any(channel in channels for channel in known)
+    held = chunk.message_index_offsets if chunk.indexed else chunk.counts
+    if channels is None or held is None:
+        return True
+    few, many = (channels, held) if len(channels) < len(held) else (held, channels)  # a chunk may hold thousands
+    return any(channel in many for channel in few)

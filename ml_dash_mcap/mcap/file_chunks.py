@@ -53,8 +53,10 @@ class FileChunks:
         self._kept: OrderedDict[_Key, bytes] = OrderedDict()
         self._scanned: dict[_Key, Mapping[int, MessageIndex]] = {}
         """What walking the records of those that are kept brought to light."""
-        self._edges: tuple[Chunk | None, list[int]] = (None, [])
-        """Of the chunk that was asked for last, where its message indexes start, sorted."""
+        self._edges: dict[int, tuple[Chunk, list[int]]] = {}
+        """By identity, the chunks that were asked for last, and where the message indexes of each start, sorted."""
+        self._latest: tuple[Chunk, MessageIndex] | None = None
+        """The message index that was read last, and of which chunk: whoever looks up a time often reads it next."""
 
     def read(self, offset: int, length: int) -> bytes:
         """Read the bytes of chunks that lie together; none if one is longer than any that would be unpacked."""
@@ -163,6 +165,7 @@ class FileChunks:
         """Let go of what was unpacked: the file was rewritten."""
         with self._kept_lock:
             self._kept.clear()
+            self._latest = None
             self._partial.clear()
             self._scanned.clear()
 
@@ -181,6 +184,9 @@ class FileChunks:
         offset = chunk.message_index_offsets.get(channel_id)
         if offset is None:
             return chunk_messages.no_messages(channel_id)
+        latest = self._latest
+        if latest is not None and latest[0] is chunk and latest[1].channel_id == channel_id:
+            return latest[1]
         room = self._room(chunk, offset)
         name = self._source.name
         if span is None:
@@ -197,14 +203,17 @@ class FileChunks:
             true = self.scan(chunk).get(channel_id)
             if true is None or len(true.offsets) != len(found.offsets):
                 raise DamagedFileError(name, offset, "a message index whose length contradicts itself")
+        self._latest = (chunk, found)
         return found
 
     def _room(self, chunk: Chunk, offset: int) -> int:
         """Return how long a message index can be at most: none reaches into the next one."""
-        known, edges = self._edges
-        if known is not chunk:
-            edges = sorted(chunk.message_index_offsets.values())
-            self._edges = (chunk, edges)
+        kept = self._edges.get(id(chunk))
+        if kept is None:
+            if len(self._edges) >= _KEPT_CHUNKS:
+                self._edges.clear()
+            kept = self._edges[id(chunk)] = chunk, sorted(chunk.message_index_offsets.values())
+        edges = kept[1]
         after = bisect_right(edges, offset)
         return (edges[after] if after < len(edges) else chunk.indexes_end) - offset
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import wraps
+from functools import cached_property, wraps
 from typing import ParamSpec, TypeVar
 
 from .losses import Loss
@@ -36,7 +36,7 @@ def replanned(work: Callable[P, T]) -> Callable[P, T]:
     return wrapper
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # no slots: what is looked up by topic is kept, for a file may have thousands of channels
 class Glance:
     """What is known of a file before its chunks are looked up; no checksum has verified it."""
 
@@ -47,8 +47,16 @@ class Glance:
     attachments: tuple[AttachmentEntry, ...]
     statistics: Statistics | None
 
+    @cached_property
+    def channels_by_topic(self) -> dict[str, dict[int, Channel]]:
+        """The channels of each topic, by id: our own files have one a topic, others may have several."""
+        by_topic: dict[str, dict[int, Channel]] = {}
+        for channel in self.channels.values():
+            by_topic.setdefault(channel.topic, {})[channel.id] = channel
+        return by_topic
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True)
 class FileIndex:
     """A table of contents: from a finished file's summary, or from walking over its records."""
 
@@ -81,13 +89,14 @@ class FileIndex:
         """Whether this library's recorder wrote it, as its header says."""
         return self.header.library.startswith(OWN_LIBRARY)
 
+    @cached_property
     def glance(self) -> Glance:
-        """Return what is in it besides the chunks."""
+        """What is in it besides the chunks."""
         return Glance(self.header, self.schemas, self.channels, self.metadata, self.attachments, self.statistics)
 
-    def channels_of(self, topic: str) -> dict[int, Channel]:
-        """Return a topic's channels (our own files have one, others may have several)."""
-        return {channel.id: channel for channel in self.channels.values() if channel.topic == topic}
+    def channels_of(self, topic: str) -> Mapping[int, Channel]:
+        """Return a topic's channels by id; none if the file does not have it."""
+        return self.glance.channels_by_topic.get(topic, {})
 
     def schema_of(self, channel: Channel) -> Schema | None:
         """Return a channel's schema, if it has one."""

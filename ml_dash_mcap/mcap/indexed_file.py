@@ -89,7 +89,7 @@ class IndexedFile:
     @property
     def glance(self) -> Glance:
         """What is known of it without looking up its chunks."""
-        return self._glance if self._index is None and self._glance is not None else self.index.glance()
+        return self._glance if self._index is None and self._glance is not None else self.index.glance
 
     @property
     def is_loaded(self) -> bool:

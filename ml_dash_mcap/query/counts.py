@@ -14,8 +14,8 @@ from ..mcap import audit
 from ..mcap.file_index import replanned
 from ..mcap.message_records import MESSAGE_HEAD_BYTES
 from ..rows.encode import TIME_KEY
-from . import topic_rows
-from .plan import Located
+from . import topic_messages, topic_rows
+from .plan import Located, Plan
 from .stored_topic import LAST_NS, StoredTopic
 from .time_order import TOLERANCE_NS
 from .topic_messages import Origin
@@ -42,7 +42,7 @@ def count(topic: StoredTopic) -> int:
 def _duplicates(topic: StoredTopic) -> int:
     """Count the messages that are merged into the row of another one."""
     doubtful = _doubtful(topic)
-    if not doubtful:
+    if not len(doubtful):
         return 0
     shared, counts = np.unique(np.concatenate([topic.times_in(one) for one in doubtful]), return_counts=True)
     surely = (counts > 1) & (shared >= np.uint64(_DISTINCT_FROM_NS))
@@ -51,17 +51,25 @@ def _duplicates(topic: StoredTopic) -> int:
     return duplicates + (_duplicates_among(topic, doubtful, perhaps) if len(perhaps) else 0)
 
 
-def _doubtful(topic: StoredTopic) -> list[Located]:
+def _doubtful(topic: StoredTopic) -> Plan:
     """Return the chunks that may share a time stamp with another one, or hold one twice."""
-    located, files = topic.chunks(), topic.files
-    ranks = {one.rank for one in located if not files[one.file].index.is_ours}
-    latest: Located | None = None
-    for one in located:
-        if latest is not None and one.chunk.start_ns <= latest.chunk.end_ns:
-            ranks.update((latest.rank, one.rank))
-        if latest is None or one.chunk.end_ns > latest.chunk.end_ns:
-            latest = one
-    return [one for one in located if one.rank in ranks]
+    chunks = topic.chunks()
+    if not all(file.index.is_ours for file in topic.files):
+        ours = np.array([file.index.is_ours for file in topic.files])
+        doubtful = ~ours[chunks.files]
+    else:
+        doubtful = np.zeros(len(chunks), np.bool_)
+    ends = np.maximum.accumulate(chunks.end_ns)
+    touches = np.flatnonzero(chunks.start_ns[1:] <= ends[:-1]) + 1
+    doubtful[touches] = True
+    doubtful[_latest(chunks.end_ns)[touches - 1]] = True
+    return chunks.pick(np.flatnonzero(doubtful))
+
+
+def _latest(end_ns: npt.NDArray[np.uint64]) -> npt.NDArray[np.intp]:
+    """Return for each chunk which one ends last among it and those before it; the first one of several, [N]."""
+    before = np.concatenate((end_ns[:1], np.maximum.accumulate(end_ns)[:-1]))
+    return np.maximum.accumulate(np.where(end_ns > before, np.arange(len(end_ns)), 0))
 
 
 def _duplicates_among(topic: StoredTopic, located: Sequence[Located], times_ns: npt.NDArray[np.uint64]) -> int:
@@ -130,6 +138,8 @@ def _rows_at(topic: StoredTopic, time_ns: int) -> list[Row]:
     """Return the rows whose doubles lie at a log time; none if they cannot be decoded."""
     low, high = clock.to_seconds(time_ns - TOLERANCE_NS), clock.to_seconds(time_ns + TOLERANCE_NS)
     try:
-        return list(topic_rows.read(topic, low, high))
+        batch = topic_messages.read_few(topic, *topic_rows.to_ns_range(low, high))
+        rows = () if batch is None else topic_rows.of_batch(batch, {})
+        return [row for row in rows if low <= row[TIME_KEY] <= high]
     except (EncodingError, DamagedFileError):  # whoever reads the rows is told
         return []

@@ -12,7 +12,7 @@ from ..mcap.file_index import FileIndex, replanned
 from ..mcap.records import Channel
 from . import plan
 from .file import File
-from .plan import Located
+from .plan import Located, Plan
 
 LAST_NS = 2**64 - 1
 """The last time that MCAP can say, in ns."""
@@ -42,7 +42,7 @@ class StoredTopic:
         self.name = name
         self._files = files
         self._state: _State = []
-        self._plans: dict[_Range, list[Located]] = {}
+        self._plans: dict[_Range, Plan] = {}
 
     @property
     def files(self) -> Sequence[File]:
@@ -52,6 +52,10 @@ class StoredTopic:
             StateError: The recording is closed.
         """
         return self._files() if callable(self._files) else self._files
+
+    def check_open(self) -> None:
+        """Raise StateError if the recording is closed, before a generator would."""
+        _ = self.files
 
     @property
     def channels(self) -> list[tuple[File, Channel]]:
@@ -69,7 +73,7 @@ class StoredTopic:
         """Whether rows of one time stamp are one row."""
         return self.kind == TRACK
 
-    def chunks(self, start_ns: int = 0, end_ns: int = LAST_NS) -> list[Located]:
+    def chunks(self, start_ns: int = 0, end_ns: int = LAST_NS) -> Plan:
         """Return the chunks that may hold messages with log times in [start_ns, end_ns], by their start times."""
         files = self.files
         state = [file.state for file in files]
@@ -81,7 +85,7 @@ class StoredTopic:
             return planned
         everything = plans.get((0, LAST_NS))
         if everything is not None:
-            return [one for one in everything if one.chunk.end_ns >= start_ns and one.chunk.start_ns <= end_ns]
+            return everything.within(start_ns, end_ns)
         channels = [index.channels_of(self.name) for index, _ in state]
         planned = plans[start_ns, end_ns] = plan.chunks([index for index, _ in state], channels, start_ns, end_ns)
         return planned
@@ -106,10 +110,11 @@ class StoredTopic:
     def first_ns(self, start_ns: int = 0) -> int | None:
         """Return the earliest log time from one on, in ns; None if all are earlier. Reads few message indexes."""
         first: int | None = None
-        for located in self.chunks(start_ns, LAST_NS):
-            if first is not None and located.chunk.start_ns > first:
+        chunks = self.chunks(start_ns, LAST_NS)
+        for at, chunk_start_ns in enumerate(chunks.start_ns.tolist()):
+            if first is not None and chunk_start_ns > first:
                 break
-            times = self.times_in(located)
+            times = self.times_in(chunks[at])
             times = times[times >= np.uint64(min(start_ns, LAST_NS))]
             if len(times):
                 first = int(times.min()) if first is None else min(first, int(times.min()))
@@ -119,10 +124,11 @@ class StoredTopic:
     def last_ns(self, end_ns: int = LAST_NS) -> int | None:
         """Return the latest log time up to one, in ns; None if all are later. Reads few message indexes."""
         last: int | None = None
-        for located in sorted(self.chunks(0, end_ns), key=lambda one: one.chunk.end_ns, reverse=True):
-            if last is not None and located.chunk.end_ns < last:
+        chunks = self.chunks(0, end_ns)
+        for at in np.argsort(chunks.end_ns, kind="stable")[::-1].tolist():
+            if last is not None and int(chunks.end_ns[at]) < last:
                 break
-            times = self.times_in(located)
+            times = self.times_in(chunks[at])
             times = times[times <= np.uint64(end_ns)]
             if len(times):
                 last = int(times.max()) if last is None else max(last, int(times.max()))

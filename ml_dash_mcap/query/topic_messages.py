@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..mcap import audit
 from ..mcap.chunk_messages import Messages
-from ..mcap.file_index import ReindexedError
+from ..mcap.file_index import ReindexedError, replanned
 from ..mcap.records import Channel, Chunk
 from ..store import read_ahead
 from . import plan, time_order
@@ -95,6 +95,21 @@ def read(topic: StoredTopic, start_ns: int, end_ns: int) -> Iterator[Batch]:
         yield merge(cuts)
 
 
+@replanned
+def read_few(topic: StoredTopic, start_ns: int, end_ns: int) -> Batch | None:
+    """Return at once what `read` yields, for a time range of a few messages; None if there are none.
+
+    Nothing is read ahead, and a chunk that is still unpacked is not read again.
+    """
+    cuts: list[Cut] = []
+    for located in topic.chunks(start_ns, end_ns):
+        file = topic.files[located.file]
+        channels = file.index.channels_of(topic.name)
+        found = file.cut(located.chunk, channels, start_ns, end_ns)
+        cuts += [Cut(one, located.rank, Origin(file, channels[one.channel_id], located.chunk)) for one in found]
+    return merge(cuts) if cuts else None
+
+
 def cut(
     topic: StoredTopic, start_ns: int, end_ns: int, work: Callable[[Cut], Work]
 ) -> Iterator[tuple[int, list[Work]]]:
@@ -173,6 +188,12 @@ def _cut_out(job: _Job, start_ns: int, end_ns: int) -> Iterator[Cut]:
 
 def merge(cuts: Sequence[Cut]) -> Batch:
     """Bring the messages of several chunks into time order."""
+    if len(cuts) == 1 and time_order.is_in_order(cuts[0].times_ns, cuts[0].messages.offsets):
+        messages, origin = cuts[0].messages, cuts[0].origin
+        origin_of = np.zeros(len(messages), np.intp)
+        return Batch(
+            messages.times_ns, messages.published_ns, messages.sequences, messages.payloads, [origin], origin_of
+        )
     times = np.concatenate([one.times_ns for one in cuts])
     written = np.concatenate([one.written for one in cuts])
     origin_of = np.repeat(np.arange(len(cuts)), [len(one.messages) for one in cuts])

@@ -194,7 +194,7 @@ def test_a_long_file_opens_without_its_chunk_indexes(long_file):
 def test_what_is_known_at_a_glance_is_what_the_index_says(long_file):
     file = McapFile(long_file)
     glance = file.glance
-    assert glance == file.index.glance()
+    assert glance == file.index.glance
     assert file.glance == glance
     file.close()
 
