@@ -80,3 +80,13 @@ def test_integers_keep_all_their_bits(drawn: Any) -> None:
 def test_a_column_that_does_not_fit_beside_is_refused(beside: Any, tmp_path: Path) -> None:
     with Recorder(tmp_path) as recorder, pytest.raises(FieldError, match="'other"):
         recorder.topic("m").append_columns(_ts=[0.0, 1.0], p=masked([1, 2], [0, 1]), other=beside)
+
+
+@pytest.mark.parametrize("shape", [(2, 0), (2, 0, 3), (2, 3, 0)])
+def test_an_array_without_elements_stands_beside_a_dict(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    with Recorder(tmp_path) as recorder:
+        recorder.topic("a").append_columns(_ts=[0.0, 1.0], empty=np.zeros(shape), beside={"n": np.array([1, 2])})
+    with Recording(tmp_path) as recording:
+        rows = list(recording["a"].rows())
+    empty = np.zeros(shape).tolist()
+    assert rows == [{"empty": empty[n], "beside": {"n": n + 1}, "_ts": float(n)} for n in range(2)]
