@@ -74,11 +74,14 @@ class Fields:
 
     def text(self) -> str:
         """Read a text with its length before it."""
-        at = self.at
-        length = self.u32()
-        start = self._take(length)
+        at, start = self.at, self.at + 4
+        # A file of 1,000 topics has 6,000 texts: without calls in between, its summary takes two thirds of the time.
+        end = start + _U32.unpack_from(self._data, at)[0] if start <= self.end else start
+        if end > self.end:
+            self.raw(self.u32())  # raises the error for the field that ends behind the record
+        self.at = end
         try:
-            return str(self._data[start : start + length], "utf-8")
+            return str(self._data[start:end], "utf-8")
         except UnicodeDecodeError as error:
             raise DamagedFileError(self._path, self._base + at, "a text that is not UTF-8") from error
 
