@@ -9,7 +9,7 @@ import orjson
 from ..inspect.topics import TopicInfo
 from ..query.topic_part import TopicPart
 from .destination import fresh_folder, name_of, refuse_existing
-from .export_job import Counter, Job
+from .export_job import Job, RowCounter
 from .mcap_rows import payload
 from .registry import NoOptions
 
@@ -61,7 +61,7 @@ def _part(part: str) -> str:
     return part if is_plain and len(part.encode()) <= _LONGEST_PART else name_of(part, "")
 
 
-def _write(part: TopicPart, path: Path, counter: Counter) -> int:
+def _write(part: TopicPart, path: Path, counter: RowCounter) -> int:
     done = 0
     with path.open("xb") as file:
         for row in part.rows():

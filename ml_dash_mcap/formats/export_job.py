@@ -47,12 +47,12 @@ class Job:
         names = [name for name in self.topics if name not in topics]
         return replace(self, topics=Lookup("topic", names, self.topics.__getitem__))
 
-    def counter(self) -> Counter:
+    def counter(self) -> RowCounter:
         """Return what counts rows for `progress`."""
-        return Counter(self.progress, sum(info.count for info in self.topics.values()) if self.progress else 0)
+        return RowCounter(self.progress, sum(info.count for info in self.topics.values()) if self.progress else 0)
 
 
-class Counter:
+class RowCounter:
     """Counts the rows that are done and reports them."""
 
     def __init__(self, progress: Progress | None, total: int) -> None:
@@ -72,10 +72,10 @@ class Counter:
             self._progress(self._total, self._total)
 
 
-class Steps:
+class RestartableCounter:
     """Counts rows once, although an export may have to begin again."""
 
-    def __init__(self, counter: Counter) -> None:
+    def __init__(self, counter: RowCounter) -> None:
         self._counter = counter
         self._done = 0
         self._most = 0

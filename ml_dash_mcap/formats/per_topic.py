@@ -10,9 +10,9 @@ from ..errors import UsageError
 from ..inspect.topics import TopicInfo
 from ..query.topic_part import TopicPart
 from .destination import fresh_file, fresh_folder, names_of, refuse_existing
-from .export_job import Counter, Job
+from .export_job import Job, RowCounter
 
-Put: TypeAlias = Callable[[TopicPart, TopicInfo, Path, Counter], None]
+Put: TypeAlias = Callable[[TopicPart, TopicInfo, Path, RowCounter], None]
 """Writes one topic to a path and counts its rows."""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import DamagedFileError
 from ..store import read_ahead
-from ..store.file_source import Source
+from ..store.byte_source import ByteSource
 from . import load_index, records, summary
 from .chunk_messages import ChunkContents
 from .file_index import FileIndex
@@ -79,7 +79,7 @@ def survey_few(file: McapFile) -> None:
         settle(file)
 
 
-def _are_times_right(source: Source, chunk: Chunk, limits: Limits) -> bool:
+def _are_times_right(source: ByteSource, chunk: Chunk, limits: Limits) -> bool:
     """Whether the message indexes behind a chunk lie in the time that is said of it."""
     length = chunk.message_index_length
     if length > limits.record_bytes:
@@ -175,7 +175,9 @@ def _index(base: FileIndex, opened: list[tuple[Chunk, ChunkContents | None]]) ->
     )
 
 
-def _faults(source: Source, limits: Limits, walked: FileIndex, true: FileIndex, *, is_read: bool) -> Iterator[Fault]:
+def _faults(
+    source: ByteSource, limits: Limits, walked: FileIndex, true: FileIndex, *, is_read: bool
+) -> Iterator[Fault]:
     """Yield everything that a file's summary says and that is not so. What it leaves out altogether is not wrong.
 
     Args:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from zlib import crc32
 
 from ..errors import DamagedFileError
-from ..store.file_source import Source
+from ..store.byte_source import ByteSource
 from . import records
 from .limits import MIB, Limits, of_file
 from .message_records import MESSAGE_FIXED_BYTES
@@ -137,7 +137,7 @@ class FittingRecords:
     """Whether it was looked at up to its end, and so its checksum verified."""
 
 
-def read_fitting(source: Source, chunk: Chunk, limits: Limits) -> FittingRecords:
+def read_fitting(source: ByteSource, chunk: Chunk, limits: Limits) -> FittingRecords:
     """Read what fits of a chunk that is over the limits.
 
     Args:
@@ -257,7 +257,7 @@ class _Stream:
 class _Packed:
     """The compressed bytes of a chunk, as a file."""
 
-    def __init__(self, source: Source, at: int, length: int) -> None:
+    def __init__(self, source: ByteSource, at: int, length: int) -> None:
         self._source, self._at, self._end = source, at, at + length
 
     def read(self, size: int = _PIECE) -> bytes:
@@ -267,7 +267,7 @@ class _Packed:
         return data
 
 
-def _pieces(source: Source, at: int, head: ChunkHead) -> Iterator[bytes]:
+def _pieces(source: ByteSource, at: int, head: ChunkHead) -> Iterator[bytes]:
     """Yield a chunk's records, uncompressed, in pieces of any lengths up to about 1 MiB."""
     packed = _Packed(source, at, head.records_length)
     if head.compression == "":

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from ..errors import DamagedFileError
-from ..store.file_source import Source
+from ..store.byte_source import ByteSource
 from . import chunk_bytes, chunk_messages, records
 from .limits import Limits
 from .losses import Loss, Losses
@@ -31,7 +31,7 @@ class FileChunks:
     """Unpacks chunks and finds messages in them. Any thread may call it."""
 
     def __init__(
-        self, source: Source, limits: Limits, losses: Losses, topic_of: Callable[[int], str] | None = None
+        self, source: ByteSource, limits: Limits, losses: Losses, topic_of: Callable[[int], str] | None = None
     ) -> None:
         """Begin with nothing unpacked.
 

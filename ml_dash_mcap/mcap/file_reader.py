@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DamagedFileError
-from ..store.file_source import Source
+from ..store.byte_source import ByteSource
 from . import chunk_messages, chunk_table, limits, records
 from .chunk_bytes import NoChunkError
 from .chunk_messages import ChunkContents, Messages
@@ -32,7 +32,7 @@ class McapFile(IndexedFile):
         path: Path,
         limits_: limits.Limits = limits.DEFAULT,
         *,
-        source: Source | None = None,
+        source: ByteSource | None = None,
         salvages: bool = False,
     ) -> None:
         """Open a file and index it; the arguments and errors are those of `IndexedFile`."""

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from ..errors import DamagedFileError
 from ..file_names import ACTIVE_SUFFIX
-from ..store.file_source import LocalFile, Source
+from ..store.byte_source import ByteSource
+from ..store.local_file import LocalFile
 from . import limits, load_index, records
 from .file_index import FileIndex, Glance, ReindexedError
 from .losses import Loss, Losses
@@ -28,7 +29,7 @@ class IndexedFile:
         path: Path,
         limits_: limits.Limits = limits.DEFAULT,
         *,
-        source: Source | None = None,
+        source: ByteSource | None = None,
         salvages: bool = False,
     ) -> None:
         """Open a file and index it.
@@ -46,7 +47,7 @@ class IndexedFile:
         """
         self.path = path
         is_new = path.name.endswith(ACTIVE_SUFFIX)
-        self.source: Source = LocalFile(path, stays_open=is_new) if source is None else source
+        self.source: ByteSource = LocalFile(path, stays_open=is_new) if source is None else source
         self.limits = limits_ = limits.of_file(limits_, self.source.stored_bytes())
         self.salvages = salvages
         self._losses = Losses()

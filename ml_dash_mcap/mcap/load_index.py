@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from ..errors import DamagedFileError
-from ..store.file_source import Source
+from ..store.byte_source import ByteSource
 from . import file_index, records, scan, summary
 from .file_index import FileIndex, Glance
 from .limits import Limits
@@ -22,7 +22,7 @@ _LOOKED_AT_BYTES = 1024 * 1024
 """So much of what lies behind the end of a file is looked at: it belongs to nothing, or to another file."""
 
 
-def glance(source: Source, limits: Limits, *, is_new: bool) -> Glance | None:
+def glance(source: ByteSource, limits: Limits, *, is_new: bool) -> Glance | None:
     """Look at a long file without reading where its chunks are; None for any other file.
 
     The arguments and errors are those of `load`.
@@ -40,7 +40,7 @@ def glance(source: Source, limits: Limits, *, is_new: bool) -> Glance | None:
 
 
 def load(
-    source: Source,
+    source: ByteSource,
     limits: Limits,
     *,
     is_new: bool = False,
@@ -73,7 +73,7 @@ def load(
     return replace(found, losses=(*losses, *found.losses))
 
 
-def by_walking(source: Source, limits: Limits, known: FileIndex) -> FileIndex:
+def by_walking(source: ByteSource, limits: Limits, known: FileIndex) -> FileIndex:
     """Index a finished file by its records alone, whatever its summary says; what is damaged is stepped over.
 
     Args:
@@ -120,7 +120,7 @@ def _indexed(how: scan.FileScan, first: int, previous: FileIndex | None) -> File
     return walked if how.end is None or how.end == size else how.end
 
 
-def _start(source: Source, size: int, is_new: bool) -> Fields | None:
+def _start(source: ByteSource, size: int, is_new: bool) -> Fields | None:
     """Return the content of a file's header; None while it has none."""
     head = source.read(0, min(size, _HEAD_BYTES))
     magic = head[: len(records.MAGIC)]
@@ -142,7 +142,7 @@ def _start(source: Source, size: int, is_new: bool) -> Fields | None:
     return Fields(head, source.name, 0, at + PREFIX_BYTES, end)
 
 
-def _trailing_bytes(source: Source, end: int, size: int) -> Loss:
+def _trailing_bytes(source: ByteSource, end: int, size: int) -> Loss:
     """Say which bytes lie behind the end of a file.
 
     Args:

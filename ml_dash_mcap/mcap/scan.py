@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..errors import DamagedFileError
-from ..store.file_source import Source
+from ..store.byte_source import ByteSource
 from . import chunk_bytes, chunk_messages, records
 from .file_index import FileIndex
 from .limits import Limits
@@ -31,7 +31,14 @@ class FileScan:
     """
 
     def __init__(
-        self, source: Source, size: int, header: Header, limits: Limits, *, is_new: bool = False, salvages: bool = False
+        self,
+        source: ByteSource,
+        size: int,
+        header: Header,
+        limits: Limits,
+        *,
+        is_new: bool = False,
+        salvages: bool = False,
     ) -> None:
         """Get ready.
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from ..errors import DamagedFileError
 from ..file_names import BLOCK_OPCODE
-from ..store.file_source import Source
+from ..store.byte_source import ByteSource
 from . import records
 from .chunk_messages import ChunkScan
 from .file_index import FileIndex
@@ -35,7 +35,7 @@ _IN_DATA = {
 class Window:
     """Gives a file's bytes, reading some more than it is asked for. One thread uses it."""
 
-    def __init__(self, source: Source, size: int, limits: Limits) -> None:
+    def __init__(self, source: ByteSource, size: int, limits: Limits) -> None:
         """Begin anywhere.
 
         Args:

@@ -11,7 +11,7 @@ from zlib import crc32
 import numpy as np
 
 from ..errors import DamagedFileError
-from ..store.file_source import Source
+from ..store.byte_source import ByteSource
 from . import chunk_table, records
 from .chunk_indexes import ChunkIndexes
 from .file_index import FileIndex, Glance
@@ -39,7 +39,7 @@ _SMALL_BYTES = 64 * 1024
 """A summary up to this size is read whole at once."""
 
 
-def footer(source: Source, size: int) -> Footer | None:
+def footer(source: ByteSource, size: int) -> Footer | None:
     """Return a file's footer, or None if the file has no end: it is being recorded, or was cut."""
     if size < _TAIL_BYTES + len(records.MAGIC):
         return None
@@ -53,7 +53,7 @@ def footer(source: Source, size: int) -> Footer | None:
     return records.FOOTER.read(Fields(tail, source.name, start, PREFIX_BYTES))
 
 
-def read(source: Source, size: int, header: Header, found: Footer, limits: Limits) -> FileIndex | None:
+def read(source: ByteSource, size: int, header: Header, found: Footer, limits: Limits) -> FileIndex | None:
     """Build the index from the summary.
 
     Returns:
@@ -77,7 +77,7 @@ def read(source: Source, size: int, header: Header, found: Footer, limits: Limit
     return replace(contents.index(header, start), size=size) if contents.is_sufficient(limits) else None
 
 
-def glance(source: Source, size: int, header: Header, found: Footer, limits: Limits) -> Glance | None:
+def glance(source: ByteSource, size: int, header: Header, found: Footer, limits: Limits) -> Glance | None:
     """Read a long summary without its chunk indexes, so that opening a file costs the same however long it is.
 
     What it says is not verified: the checksum is that of the whole summary.
@@ -115,7 +115,7 @@ def glance(source: Source, size: int, header: Header, found: Footer, limits: Lim
     )
 
 
-def read_all(source: Source, size: int, found: Footer, limits: Limits) -> SummaryContents:
+def read_all(source: ByteSource, size: int, found: Footer, limits: Limits) -> SummaryContents:
     """Return everything that a summary says, true or not.
 
     Raises:
@@ -160,7 +160,7 @@ class Clues:
         return positive(said.channel_message_counts) == positive(index.message_counts)
 
 
-def clues(source: Source, size: int, found: Footer, limits: Limits) -> Clues:
+def clues(source: ByteSource, size: int, found: Footer, limits: Limits) -> Clues:
     """Take from a summary what can be taken from it, for whoever walks over damage."""
     if not _is_plausible(found, size, limits):
         return Clues([], None)

@@ -11,7 +11,7 @@ from ..codecs.ros.distros import Likely
 from ..mcap import limits
 from ..mcap.file_reader import McapFile
 from ..mcap.records import Channel
-from ..store.file_source import Source
+from ..store.byte_source import ByteSource
 
 
 class File(McapFile):
@@ -26,7 +26,7 @@ class File(McapFile):
         path: Path,
         limits_: limits.Limits = limits.DEFAULT,
         *,
-        source: Source | None = None,
+        source: ByteSource | None = None,
         salvages: bool = False,
         decoding_: Decoding = decoding.DEFAULT,
     ) -> None:

@@ -9,7 +9,8 @@ from typing import Protocol, cast
 
 from ..errors import MissingObjectError
 from ..file_names import ACTIVE_SUFFIX
-from ..store.file_source import LocalFile, Source, identity
+from ..store.byte_source import ByteSource
+from ..store.local_file import LocalFile, identity
 from ..store.object_source import ObjectSource
 from ..store.safe_paths import folder_name
 from ..store.store import Store, StoredObject
@@ -33,10 +34,10 @@ class Places(Protocol):
             MissingRecordingError: There is no recording.
         """
 
-    def open(self, path: Path) -> Source:
+    def open(self, path: Path) -> ByteSource:
         """Open a file that is there; its source is closed by who asked for it."""
 
-    def is_same(self, source: Source, path: Path) -> bool:
+    def is_same(self, source: ByteSource, path: Path) -> bool:
         """Whether a path leads to the very file that is open as `source`, which may have been renamed since."""
 
 
@@ -64,11 +65,11 @@ class LocalPlaces:
             return [finished]  # the one file that was opened has been finished since
         return recording_files.segments(path, is_known=is_known)
 
-    def open(self, path: Path) -> Source:
+    def open(self, path: Path) -> ByteSource:
         """Open a file; one in progress stays open, because it will be renamed."""
         return LocalFile(path, stays_open=path.name.endswith(ACTIVE_SUFFIX))
 
-    def is_same(self, source: Source, path: Path) -> bool:
+    def is_same(self, source: ByteSource, path: Path) -> bool:
         """Whether a path leads to the file that is open."""
         return isinstance(source, LocalFile) and source.is_at(path)
 
@@ -110,11 +111,11 @@ class StoredPlaces:
             recording_files.refuse_in_store(self._store, name, listed)
         return [] if stored is None else [stored]
 
-    def open(self, path: Path) -> Source:
+    def open(self, path: Path) -> ByteSource:
         """Open the version of an object that was listed."""
         return ObjectSource(self._store, self._stored[path])
 
-    def is_same(self, source: Source, path: Path) -> bool:
+    def is_same(self, source: ByteSource, path: Path) -> bool:
         """Whether the object is still the version that is open."""
         return isinstance(source, ObjectSource) and source.is_version(self._stored[path])
 

@@ -20,7 +20,7 @@ _numbers = count()
 
 
 class ObjectSource:
-    """One version of an object as a `Source`. Any thread may read from it.
+    """One version of an object as a `ByteSource`. Any thread may read from it.
 
     A read shorter than a block fetches the blocks that hold it. The first one fetches the object's first block and its
     last 64 KiB along: the header and the summary of most MCAP files. Longer reads fetch exactly what they want.

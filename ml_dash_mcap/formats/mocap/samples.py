@@ -19,7 +19,7 @@ from ...rows import numpy_columns
 from ...rows.encode import TIME_KEY
 from ...rows.table import to_table
 from ...rows.typed_columns import values_of
-from ..export_job import Counter
+from ..export_job import RowCounter
 
 if TYPE_CHECKING:
     from ...rows.table import Block
@@ -30,7 +30,7 @@ Floats = npt.NDArray[np.float64]
 class Samples:
     """Reads a topic once, from its first row to its last; memory holds what was asked for last."""
 
-    def __init__(self, part: TopicPart, sources: Sequence[Source], counter: Counter) -> None:
+    def __init__(self, part: TopicPart, sources: Sequence[Source], counter: RowCounter) -> None:
         self._topic = part.topic
         self._shapes = {column: source.shape for source in sources for column in source.columns}
         self._at: dict[str, int] = {}

@@ -15,7 +15,7 @@ from ...inspect.field_shapes import Field
 from ...meaning import mocap_objects, rotations, space
 from ...meaning.mocap_objects import Body, Joint, Marker, Objects
 from ...rows.encode import TIME_KEY
-from ..export_job import Counter, Job
+from ..export_job import Job, RowCounter
 from .take_clock import Clock
 from .take_options import TakeOptions
 from .topic_frames import TopicFrames
@@ -91,7 +91,7 @@ class Take:
                 stacklevel=2,
             )
 
-    def _topic(self, topic: str, counter: Counter) -> TopicFrames:
+    def _topic(self, topic: str, counter: RowCounter) -> TopicFrames:
         mine = [(thing, at) for thing, at in self.columns() if thing.topic == topic]
         info = self.job.topics[topic]
         held = {name for name, field in info.fields.items() if field.type == "integer" and not field.shape}

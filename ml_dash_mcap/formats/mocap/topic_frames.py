@@ -13,7 +13,7 @@ from ...errors import ConversionError, ConversionWarning
 from ...meaning import rotations, space
 from ...meaning.mocap_objects import Body, Joint, Marker, Source
 from ...query.topic_part import TopicPart
-from ..export_job import Counter
+from ..export_job import RowCounter
 from . import resample
 from .frame_numbers import longest_gap_s
 from .samples import Samples
@@ -38,7 +38,7 @@ class TopicFrames:
         things: Sequence[tuple[Thing, int]],
         clock: Clock,
         options: TakeOptions,
-        counter: Counter,
+        counter: RowCounter,
         *,
         held: Collection[str] = (),
     ) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from ...errors import ConversionWarning
 from ..destination import fresh_file, fresh_folder, refuse_existing
-from ..export_job import Job, Steps
+from ..export_job import Job, RestartableCounter
 from . import carry_out
 from .bag_options import Rosbag1WriteOptions
 from .bag_plan import Settings
@@ -38,7 +38,7 @@ def export(job: Job, options: Rosbag1WriteOptions) -> Path:
         carried = carry_out.Carried(job, names, carry_out.Origin(), is_ros1=True, time_offset=options.time_offset)
         carry_out.warn_of_beside(carried.files, "bags of ROS 1")
         outgoing = Outgoing(job.without(names), settings, carried)
-        steps = Steps(job.counter())
+        steps = RestartableCounter(job.counter())
         while True:
             try:
                 _write(path, outgoing, options.compression, steps)
@@ -58,7 +58,7 @@ def _has_time_0(sent: Any) -> bool:
     return any(bool((one == 0).any()) for one in times)
 
 
-def _write(path: Path, outgoing: Outgoing, compression: str, steps: Steps) -> None:
+def _write(path: Path, outgoing: Outgoing, compression: str, steps: RestartableCounter) -> None:
     steps.begin()
     is_warned = False
     bag = Storage(path, outgoing.outlets, compression)

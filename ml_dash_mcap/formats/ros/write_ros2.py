@@ -12,7 +12,7 @@ from ...codecs.ros.distros import METADATA_FILE
 from ...file_names import SEGMENT_SUFFIX
 from ...mcap.message import MessageBlock
 from ..destination import fresh_folder
-from ..export_job import Job, Steps
+from ..export_job import Job, RestartableCounter
 from . import bag_versions, carry_out, qos_profiles
 from .bag_information import Description, FileContents
 from .bag_mcap import write as bag_mcap
@@ -90,7 +90,7 @@ def export(job: Job, options: Rosbag2WriteOptions) -> Path:
         if storage != "mcap":
             carry_out.warn_of_beside(carried.files, "SQLite; storage='mcap' keeps them")
         outgoing = Outgoing(job.without(names), settings, carried)
-        steps = Steps(job.counter())
+        steps = RestartableCounter(job.counter())
         while True:
             custom = {**origin.custom, **({CUSTOM_KEY: to_text(outgoing.about())} if outgoing.plans else {})}
             description = Description(version, storage, distro, custom)
@@ -129,7 +129,7 @@ class _Bag:
         self._outgoing = outgoing
         self._files: list[FileContents] = []
 
-    def fill(self, steps: Steps) -> None:
+    def fill(self, steps: RestartableCounter) -> None:
         """Write all messages, and the metadata."""
         steps.begin()
         file = self._next()

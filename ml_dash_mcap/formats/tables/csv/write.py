@@ -11,7 +11,7 @@ from ....inspect.topics import TopicInfo
 from ....query.topic_part import TopicPart
 from ....rows.table import Block
 from ... import per_topic
-from ...export_job import Counter, Job
+from ...export_job import Job, RowCounter
 from ...registry import NoOptions
 from .. import write_passes
 from . import cells
@@ -43,7 +43,7 @@ def stream(part: TopicPart, info: TopicInfo, out: BinaryIO) -> None:
         out.write(cells.lines(layout.cells(block)))
 
 
-def _write(part: TopicPart, info: TopicInfo, path: Path, counter: Counter) -> None:
+def _write(part: TopicPart, info: TopicInfo, path: Path, counter: RowCounter) -> None:
     layout = Layout(info, part.columns)
 
     @contextlib.contextmanager

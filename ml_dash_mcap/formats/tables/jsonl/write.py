@@ -8,7 +8,7 @@ from typing import BinaryIO
 from ....inspect.topics import TopicInfo
 from ....query.topic_part import TopicPart
 from ... import per_topic
-from ...export_job import Counter, Job
+from ...export_job import Job, RowCounter
 from ...registry import NoOptions
 from ..row_entries import TIME_NAME
 from . import text as jsonl
@@ -34,7 +34,7 @@ def stream(part: TopicPart, info: TopicInfo, out: BinaryIO) -> None:
         out.write(jsonl.line(row) + b"\n")
 
 
-def _write(part: TopicPart, info: TopicInfo, path: Path, counter: Counter) -> None:
+def _write(part: TopicPart, info: TopicInfo, path: Path, counter: RowCounter) -> None:
     with path.open("wb") as file:
         done = 0
         for row in part.flat_rows(TIME_NAME):

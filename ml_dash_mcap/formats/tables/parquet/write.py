@@ -19,7 +19,7 @@ from ....query.topic_part import TopicPart
 from ....rows.encode import TIME_KEY
 from ....rows.table import Block
 from ... import per_topic
-from ...export_job import Counter, Job
+from ...export_job import Job, RowCounter
 from .. import write_passes
 from ..table_options import ParquetWriteOptions
 from .layout import Layout
@@ -51,7 +51,7 @@ def export(job: Job, options: ParquetWriteOptions) -> Path:
         options: How to write it.
     """
 
-    def put(part: TopicPart, info: TopicInfo, path: Path, counter: Counter) -> None:
+    def put(part: TopicPart, info: TopicInfo, path: Path, counter: RowCounter) -> None:
         about = {**_about(job, info), "kind": info.kind, "flatten": options.flatten}
         _write(part, info, path, about, counter, flat=options.flatten)
 
@@ -59,7 +59,7 @@ def export(job: Job, options: ParquetWriteOptions) -> Path:
 
 
 def _write(
-    part: TopicPart, info: TopicInfo, path: Path, about: Mapping[str, Any], counter: Counter, *, flat: bool
+    part: TopicPart, info: TopicInfo, path: Path, about: Mapping[str, Any], counter: RowCounter, *, flat: bool
 ) -> None:
     layout = Layout(info, flat=flat)
     metadata = {ABOUT_KEY: _json(about)}

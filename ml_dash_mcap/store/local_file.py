@@ -1,4 +1,4 @@
-"""The bytes of a file, by range."""
+"""The bytes of a file of this machine, by range."""
 
 from __future__ import annotations
 
@@ -10,35 +10,9 @@ import weakref
 from collections import OrderedDict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
 
 from ..errors import DamagedFileError, MissingRecordingError, StorageError
-
-
-class Source(Protocol):
-    """Where a file's bytes come from; every call says which range it wants."""
-
-    @property
-    def name(self) -> str:
-        """What error messages call it."""
-
-    def size(self) -> int:
-        """Return how many bytes there are now; a file that is being recorded grows."""
-
-    def stored_bytes(self) -> int:
-        """Return how many bytes are really stored: of a file with holes, fewer than its size."""
-
-    def read(self, offset: int, length: int) -> bytes:
-        """Return the bytes of [offset, offset + length); fewer only where the file ends before."""
-
-    def expect(self, ranges: Sequence[tuple[int, int]]) -> None:
-        """Take note of ranges, each [start, end), that will be read one after another: some may be fetched together."""
-
-    def beside(self, name: str) -> bytes | None:
-        """Return the bytes of another file in the same folder; None if there is none."""
-
-    def close(self) -> None:
-        """Let go of what was opened. May be called twice."""
+from .store import ByteRange
 
 
 class LocalFile:
@@ -93,7 +67,7 @@ class LocalFile:
         blocks = getattr(status, "st_blocks", None)  # of 512 bytes each, whatever the file system has; not on Windows
         return status.st_size if blocks is None else min(status.st_size, 512 * blocks)
 
-    def expect(self, ranges: Sequence[tuple[int, int]]) -> None:
+    def expect(self, ranges: Sequence[ByteRange]) -> None:
         """Do nothing: the system reads ahead."""
 
     def beside(self, name: str) -> bytes | None:

@@ -6,8 +6,8 @@ import threading
 import pytest
 
 from ml_dash_mcap.errors import DamagedFileError, MissingRecordingError, StorageError
-from ml_dash_mcap.store import file_source as sources
-from ml_dash_mcap.store.file_source import LocalFile
+from ml_dash_mcap.store import local_file as sources
+from ml_dash_mcap.store.local_file import LocalFile
 
 
 @pytest.fixture
