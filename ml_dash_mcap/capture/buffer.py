@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..mcap.row_arrays import Block
+from ..mcap.row_arrays import SealedBuffer
 
 
 class Buffer:
@@ -92,9 +92,9 @@ class Buffer:
         self.has_extras = False
         self.uniform = []
 
-    def block(self) -> Block:
+    def block(self) -> SealedBuffer:
         """Return what it holds; its memory must not be given back before that is forgotten."""
-        return Block(
+        return SealedBuffer(
             np.frombuffer(self.map, np.uint8),
             self.prologue,
             self.end,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ..file_names import TRACK
 from ..mcap.record_layout import PREFIX_BYTES, Fields
 from ..mcap.records import METADATA, Metadata
-from ..mcap.row_arrays import Block, Rows, pack
+from ..mcap.row_arrays import Rows, SealedBuffer, pack
 from .channels import ChannelInfo
 from .event_clock import EventClock
 from .fallbacks import Fallbacks
@@ -65,10 +65,10 @@ class BlockPreparer:
         self._event_clock = EventClock(folder, about)
         self._sequences: dict[int, int] = dict(progress.sequences)
         self._next_block = progress.next_block
-        self._begun: tuple[Block, Rows, bool] | None = None
+        self._begun: tuple[SealedBuffer, Rows, bool] | None = None
         """A block whose times were looked at, should the rest of its preparation have to be tried again."""
 
-    def prepare(self, block: Block) -> PreparedBlock:
+    def prepare(self, block: SealedBuffer) -> PreparedBlock:
         """Return what a sealed buffer holds, shaped, merged and numbered. Its sequence numbers are changed in place."""
         metadata = tuple(_metadata(block, start, end) for start, end in block.extras)
         if not block.starts:
@@ -132,5 +132,5 @@ class BlockPreparer:
         return ends
 
 
-def _metadata(block: Block, start: int, end: int) -> Metadata:
+def _metadata(block: SealedBuffer, start: int, end: int) -> Metadata:
     return METADATA.read(Fields(block.data[start:end].tobytes(), "", start=PREFIX_BYTES))

@@ -10,9 +10,9 @@ from .. import clock
 from ..inspect import topic_schema
 from ..mcap import stored_messages
 from ..mcap.chunk_writer import build_block, compressor
+from ..mcap.file_output import MemoryOutput
 from ..mcap.file_writer import FileWriter
 from ..mcap.message import CHUNK_BYTES, Connection, MessageBlock
-from ..mcap.output import MemoryOutput
 from ..mcap.records import Channel
 from ..options import RecorderOptions
 from ..query import topic_messages, topic_rows

@@ -159,7 +159,7 @@ def read_fitting(source: ByteSource, chunk: Chunk, limits: Limits) -> FittingRec
         raise DamagedFileError(name, chunk.offset, "a chunk whose content is longer than its record")
     most = max(MOST_BYTES, limits.ratio * head.records_length)
     try:
-        stream = _Stream(_pieces(source, chunk.offset + fields.at, head), min(most, head.uncompressed_size + 1))
+        stream = _UnpackedStream(_pieces(source, chunk.offset + fields.at, head), min(most, head.uncompressed_size + 1))
         rest = _walk(stream, min(of_file(limits, 0).any_ratio_bytes or 0, limits.chunk_bytes))
     except DamagedFileError as error:
         raise DamagedFileError(name, chunk.offset, error.what) from error
@@ -173,7 +173,7 @@ def read_fitting(source: ByteSource, chunk: Chunk, limits: Limits) -> FittingRec
     return rest
 
 
-def _walk(stream: _Stream, room: int) -> FittingRecords:
+def _walk(stream: _UnpackedStream, room: int) -> FittingRecords:
     """Keep the records that fit into `room` bytes, in the order in which they lie."""
     kept = bytearray()
     lost: dict[int, int] = {}
@@ -202,7 +202,7 @@ def _walk(stream: _Stream, room: int) -> FittingRecords:
     return FittingRecords(bytes(kept), lost, is_whole=False)
 
 
-class _Stream:
+class _UnpackedStream:
     """Uncompressed bytes, of which little is in memory at a time."""
 
     def __init__(self, pieces: Iterator[bytes], most: int) -> None:
@@ -254,7 +254,7 @@ class _Stream:
         return True
 
 
-class _Packed:
+class _PackedFile:
     """The compressed bytes of a chunk, as a file."""
 
     def __init__(self, source: ByteSource, at: int, length: int) -> None:
@@ -269,7 +269,7 @@ class _Packed:
 
 def _pieces(source: ByteSource, at: int, head: ChunkHead) -> Iterator[bytes]:
     """Yield a chunk's records, uncompressed, in pieces of any lengths up to about 1 MiB."""
-    packed = _Packed(source, at, head.records_length)
+    packed = _PackedFile(source, at, head.records_length)
     if head.compression == "":
         return iter(packed.read, b"")
     if head.compression == "zstd":
@@ -282,7 +282,7 @@ def _pieces(source: ByteSource, at: int, head: ChunkHead) -> Iterator[bytes]:
     raise ValueError(f"it has the unknown compression {head.compression!r}")
 
 
-def _lz4(packed: _Packed) -> Iterator[bytes]:
+def _lz4(packed: _PackedFile) -> Iterator[bytes]:
     import lz4.frame
 
     decompressor = lz4.frame.LZ4FrameDecompressor()

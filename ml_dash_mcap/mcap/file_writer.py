@@ -9,8 +9,8 @@ from typing import Generic, TypeVar
 
 from ..version import LIBRARY
 from .chunk_writer import PackedChunk
+from .file_output import Output
 from .message import Connection
-from .output import Output
 from .records import (
     ATTACHMENT_INDEX,
     CHANNEL,
@@ -42,7 +42,7 @@ MOST_CHANNELS = 2**16 - 1
 
 
 @dataclass(slots=True)
-class FileContents:
+class WrittenContents:
     """What a file holds so far: all that its summary will say."""
 
     schemas: dict[int, bytes] = field(default_factory=dict)
@@ -115,7 +115,7 @@ class FileWriter(Generic[Place]):
         contents: What it holds so far.
     """
 
-    def __init__(self, output: Place, contents: FileContents | None = None) -> None:
+    def __init__(self, output: Place, contents: WrittenContents | None = None) -> None:
         """Go on with a file.
 
         Args:
@@ -123,7 +123,7 @@ class FileWriter(Generic[Place]):
             contents: What is there already; None for nothing.
         """
         self.output = output
-        self.contents = FileContents() if contents is None else contents
+        self.contents = WrittenContents() if contents is None else contents
         self._schema_ids: dict[tuple[str, str, bytes], int] = {}
 
     def begin(self, library: str = LIBRARY, profile: str = "") -> None:

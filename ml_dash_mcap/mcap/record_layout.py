@@ -130,7 +130,7 @@ class Fields:
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class FieldKind:
     """What a field holds: how it is read and written. Numbers have a `struct` format instead."""
 
     read: Callable[[Fields], Any] = Fields.text
@@ -155,17 +155,17 @@ def _number_map_bytes(numbers: Mapping[int, int]) -> bytes:
     return _data_bytes(b"".join(_NUMBER_PAIR.pack(key, value) for key, value in numbers.items()))
 
 
-U8, U16, U32, U64 = (Kind(number=code) for code in "BHIQ")
-TEXT = Kind(Fields.text, _text_bytes)
-DATA = Kind(Fields.data, _data_bytes)
-TEXT_MAP = Kind(Fields.text_map, _text_map_bytes)
-NUMBER_MAP = Kind(Fields.number_map, _number_map_bytes)
+U8, U16, U32, U64 = (FieldKind(number=code) for code in "BHIQ")
+TEXT = FieldKind(Fields.text, _text_bytes)
+DATA = FieldKind(Fields.data, _data_bytes)
+TEXT_MAP = FieldKind(Fields.text_map, _text_map_bytes)
+NUMBER_MAP = FieldKind(Fields.number_map, _number_map_bytes)
 
 
-class Layout(Generic[Record]):
+class RecordLayout(Generic[Record]):
     """The fields of one kind of record, in their order."""
 
-    def __init__(self, opcode: int, record: Callable[..., Record], /, **fields: Kind) -> None:
+    def __init__(self, opcode: int, record: Callable[..., Record], /, **fields: FieldKind) -> None:
         """Describe a kind of record.
 
         Args:
@@ -176,7 +176,7 @@ class Layout(Generic[Record]):
         self.opcode = opcode
         self._record = record
         self._names = tuple(fields)
-        self._steps: list[tuple[struct.Struct | None, tuple[Kind, ...]]] = []
+        self._steps: list[tuple[struct.Struct | None, tuple[FieldKind, ...]]] = []
         """Numbers that follow each other are read and written at once: half of the time of a chunk index."""
         for is_number, run in groupby(fields.values(), lambda kind: bool(kind.number)):
             kinds = tuple(run)

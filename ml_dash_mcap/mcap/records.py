@@ -13,7 +13,20 @@ from enum import IntEnum
 from typing import Any
 
 from ..file_names import BLOCK_OPCODE
-from .record_layout import DATA, NUMBER_MAP, PREFIX_BYTES, TEXT, TEXT_MAP, U8, U16, U32, U64, Fields, Kind, Layout
+from .record_layout import (
+    DATA,
+    NUMBER_MAP,
+    PREFIX_BYTES,
+    TEXT,
+    TEXT_MAP,
+    U8,
+    U16,
+    U32,
+    U64,
+    FieldKind,
+    Fields,
+    RecordLayout,
+)
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -227,17 +240,19 @@ def _chunk(message_index_offsets: Mapping[int, int], **numbers: Any) -> Chunk:
     return Chunk(message_index_offsets=message_index_offsets, indexed=bool(message_index_offsets), **numbers)
 
 
-_COMPRESSION = Kind(_chunk_compression, TEXT.write)
+_COMPRESSION = FieldKind(_chunk_compression, TEXT.write)
 
-HEADER = Layout(Opcode.HEADER, Header, profile=TEXT, library=TEXT)
+HEADER = RecordLayout(Opcode.HEADER, Header, profile=TEXT, library=TEXT)
 
-FOOTER = Layout(Opcode.FOOTER, Footer, summary_start=U64, summary_offset_start=U64, summary_crc=U32)
+FOOTER = RecordLayout(Opcode.FOOTER, Footer, summary_start=U64, summary_offset_start=U64, summary_crc=U32)
 
-SCHEMA = Layout(Opcode.SCHEMA, Schema, id=U16, name=TEXT, encoding=TEXT, data=DATA)
+SCHEMA = RecordLayout(Opcode.SCHEMA, Schema, id=U16, name=TEXT, encoding=TEXT, data=DATA)
 
-CHANNEL = Layout(Opcode.CHANNEL, Channel, id=U16, schema_id=U16, topic=TEXT, message_encoding=TEXT, metadata=TEXT_MAP)
+CHANNEL = RecordLayout(
+    Opcode.CHANNEL, Channel, id=U16, schema_id=U16, topic=TEXT, message_encoding=TEXT, metadata=TEXT_MAP
+)
 
-CHUNK_HEAD = Layout(
+CHUNK_HEAD = RecordLayout(
     Opcode.CHUNK,
     ChunkHead,
     start_ns=U64,
@@ -249,7 +264,7 @@ CHUNK_HEAD = Layout(
 )
 """The records follow."""
 
-CHUNK_INDEX = Layout(
+CHUNK_INDEX = RecordLayout(
     Opcode.CHUNK_INDEX,
     _chunk,
     start_ns=U64,
@@ -263,7 +278,7 @@ CHUNK_INDEX = Layout(
     uncompressed_size=U64,
 )
 
-ATTACHMENT_HEAD = Layout(
+ATTACHMENT_HEAD = RecordLayout(
     Opcode.ATTACHMENT,
     AttachmentEntry,
     log_time_ns=U64,
@@ -274,7 +289,7 @@ ATTACHMENT_HEAD = Layout(
 )
 """The data and their checksum follow. Reading wants the `offset` and the `length` of the record besides."""
 
-ATTACHMENT_INDEX = Layout(
+ATTACHMENT_INDEX = RecordLayout(
     Opcode.ATTACHMENT_INDEX,
     AttachmentEntry,
     offset=U64,
@@ -286,7 +301,7 @@ ATTACHMENT_INDEX = Layout(
     media_type=TEXT,
 )
 
-STATISTICS = Layout(
+STATISTICS = RecordLayout(
     Opcode.STATISTICS,
     Statistics,
     message_count=U64,
@@ -300,15 +315,15 @@ STATISTICS = Layout(
     channel_message_counts=NUMBER_MAP,
 )
 
-METADATA = Layout(Opcode.METADATA, Metadata, name=TEXT, values=TEXT_MAP)
+METADATA = RecordLayout(Opcode.METADATA, Metadata, name=TEXT, values=TEXT_MAP)
 
-METADATA_INDEX = Layout(Opcode.METADATA_INDEX, MetadataEntry, offset=U64, length=U64, name=TEXT)
+METADATA_INDEX = RecordLayout(Opcode.METADATA_INDEX, MetadataEntry, offset=U64, length=U64, name=TEXT)
 
-SUMMARY_OFFSET = Layout(Opcode.SUMMARY_OFFSET, SummaryOffset, opcode=U8, start=U64, length=U64)
+SUMMARY_OFFSET = RecordLayout(Opcode.SUMMARY_OFFSET, SummaryOffset, opcode=U8, start=U64, length=U64)
 
-DATA_END = Layout(Opcode.DATA_END, DataEnd, data_section_crc=U32)
+DATA_END = RecordLayout(Opcode.DATA_END, DataEnd, data_section_crc=U32)
 
-BLOCK_END = Layout(BLOCK_OPCODE, BlockEnd, number=U64)
+BLOCK_END = RecordLayout(BLOCK_OPCODE, BlockEnd, number=U64)
 
 
 def file_start(library: str, profile: str = "") -> bytes:

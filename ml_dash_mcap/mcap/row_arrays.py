@@ -19,7 +19,7 @@ _SEQUENCE_AT = 11
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class SealedBuffer:
     """What a sealed buffer holds."""
 
     data: Bytes
@@ -74,7 +74,7 @@ class Rows:
         self.data[at] = sequence.astype("<u4").view(np.uint8).reshape(-1, 4)
 
 
-def pack(block: Block) -> Rows:
+def pack(block: SealedBuffer) -> Rows:
     """Return the rows of a block, copying only where something lies between them."""
     starts = np.array(block.starts, np.int64)
     runs: list[Bytes] = []

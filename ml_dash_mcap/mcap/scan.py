@@ -15,7 +15,7 @@ from .limits import Limits
 from .losses import Loss
 from .record_layout import PREFIX_BYTES, read_prefix
 from .records import Chunk, Header, Opcode
-from .scanned_records import ScannedRecords, Window
+from .scanned_records import FileWindow, ScannedRecords
 from .summary import Clues
 
 _NOT_BEHIND_DATA = {Opcode.HEADER, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END}
@@ -56,7 +56,7 @@ class FileScan:
         self.limits = limits
         self._is_new = is_new
         self.salvages = salvages
-        self._window = Window(source, size, limits)
+        self._window = FileWindow(source, size, limits)
         self._walked = ScannedRecords(self._window)
         self._end = 0
         self._has_data_end = False

@@ -32,7 +32,7 @@ _IN_DATA = {
 }
 
 
-class Window:
+class FileWindow:
     """Gives a file's bytes, reading some more than it is asked for. One thread uses it."""
 
     def __init__(self, source: ByteSource, size: int, limits: Limits) -> None:
@@ -89,7 +89,7 @@ class ScannedRecords:
     The last chunk's maps grow in place; those of chunks before it stay as they are.
     """
 
-    def __init__(self, window: Window) -> None:
+    def __init__(self, window: FileWindow) -> None:
         """Begin with nothing."""
         self._window = window
         self.places: Sequence[int] = ()

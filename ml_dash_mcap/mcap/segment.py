@@ -9,8 +9,8 @@ from pathlib import Path
 
 from ..file_names import ABOUT_RECORD, ACTIVE_SUFFIX
 from .chunk_writer import PackedChunk
-from .file_writer import FileContents, FileWriter
-from .output import FileOutput, sync_folder
+from .file_output import FileOutput, sync_folder
+from .file_writer import FileWriter, WrittenContents
 from .records import BLOCK_END, BlockEnd, MetadataEntry
 
 
@@ -24,7 +24,7 @@ class Segment(FileWriter[FileOutput]):
         self,
         active_path: Path,
         output: FileOutput,
-        contents: FileContents | None = None,
+        contents: WrittenContents | None = None,
         torn_schemas: Mapping[int, int] | None = None,
     ) -> None:
         """Go on with a file; `create` makes a new one.
@@ -68,7 +68,9 @@ class Segment(FileWriter[FileOutput]):
         return segment
 
     @classmethod
-    def reopen(cls, active_path: Path, size: int, contents: FileContents, torn_schemas: Mapping[int, int]) -> Segment:
+    def reopen(
+        cls, active_path: Path, size: int, contents: WrittenContents, torn_schemas: Mapping[int, int]
+    ) -> Segment:
         """Take over a file that its recorder left unfinished.
 
         Args:

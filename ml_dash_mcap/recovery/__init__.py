@@ -19,7 +19,7 @@ from ..capture.segment_sink import SegmentSink
 from ..capture.sink import SessionInfo
 from ..errors import MissingRecordingError
 from ..file_names import SESSION_GLOB
-from ..mcap.row_arrays import Block
+from ..mcap.row_arrays import SealedBuffer
 from ..options import RecorderOptions
 from ..store.run_folders import runs_below
 from ..store.safe_paths import place
@@ -165,7 +165,7 @@ def _fold_in(
     segments.open(SessionInfo(folder, about))
     for leftover in pending:
         data = np.frombuffer(bytearray(leftover.data), np.uint8)
-        block = Block(data, leftover.begin, leftover.end, leftover.starts, leftover.gaps, leftover.extras)
+        block = SealedBuffer(data, leftover.begin, leftover.end, leftover.starts, leftover.gaps, leftover.extras)
         segments.write(preparer.prepare(block))
     segments.close()
     return segments.finished

@@ -13,7 +13,7 @@ from ..file_names import ABOUT_RECORD, ACTIVE_SUFFIX, BLOCK_OPCODE, SEGMENT_SUFF
 from ..mcap import chunk_messages
 from ..mcap.file_index import FileIndex
 from ..mcap.file_reader import McapFile
-from ..mcap.file_writer import FileContents
+from ..mcap.file_writer import WrittenContents
 from ..mcap.message_records import MessageIndex, index_entries, pack_message_index
 from ..mcap.record_layout import PREFIX_BYTES, Fields, read_prefix
 from ..mcap.records import BLOCK_END, CHANNEL, MAGIC, SCHEMA, Chunk, Opcode, Schema
@@ -141,9 +141,9 @@ def _bare(record: bytes) -> bytes:
     return record[: len(record) - len(schema.data)] + b'{"type":"object"}'.ljust(len(schema.data))
 
 
-def _contents(index: FileIndex, chunks: Iterable[Chunk]) -> FileContents:
+def _contents(index: FileIndex, chunks: Iterable[Chunk]) -> WrittenContents:
     """Say what an unfinished file holds in the terms of its summary; its last chunk may lack its message index."""
-    contents = FileContents(
+    contents = WrittenContents(
         {schema.id: SCHEMA.pack(schema) for schema in index.schemas.values()},
         {channel.id: CHANNEL.pack(channel) for channel in index.channels.values()},
         list(chunks),

@@ -18,7 +18,7 @@ from ml_dash_mcap.mcap.message_records import (
     pack_message_index,
     read_message_index,
 )
-from ml_dash_mcap.mcap.record_layout import Fields, Layout, record_at, split_records
+from ml_dash_mcap.mcap.record_layout import Fields, RecordLayout, record_at, split_records
 
 
 def fields(data: bytes) -> Fields:
@@ -29,7 +29,7 @@ def text(value: str) -> bytes:
     return struct.pack("<I", len(value.encode())) + value.encode()
 
 
-GOLDEN: list[tuple[Layout[Any], Any, int, bytes]] = [
+GOLDEN: list[tuple[RecordLayout[Any], Any, int, bytes]] = [
     (records.HEADER, records.Header("ros2", "tool"), 0x01, text("ros2") + text("tool")),
     (records.FOOTER, records.Footer(100, 0, 7), 0x02, struct.pack("<QQI", 100, 0, 7)),
     (

@@ -17,10 +17,10 @@ from ...errors import EncodingError
 from ...file_names import BAG_RECORD, SEGMENT_SUFFIX, is_like_a_bomb
 from ...mcap import records, stored_messages
 from ...mcap.chunk_writer import PackedChunk, build_block, compressor, index_records
+from ...mcap.file_output import FileOutput
 from ...mcap.file_writer import MOST_CHANNELS, FileWriter
 from ...mcap.message import Connection, MessageBlock
 from ...mcap.message_records import index_entries
-from ...mcap.output import FileOutput
 from ...mcap.record_layout import PREFIX_BYTES, Fields
 from ...mcap.stored_messages import StoredChunk
 from ...options import RecorderOptions

@@ -15,10 +15,10 @@ from ....codecs.decode import DIGEST_KEYS
 from ....codecs.ros import distros
 from ....mcap import stored_messages
 from ....mcap.chunk_writer import Compressor, PackedChunk, build_block, compressor, pack
+from ....mcap.file_output import FileOutput
 from ....mcap.file_writer import FileWriter
 from ....mcap.message import CHUNK_BYTES, Connection, MessageBlock
 from ....mcap.message_records import MESSAGE_HEAD_BYTES, index_entries, message_heads
-from ....mcap.output import FileOutput
 from ....options import RecorderOptions
 from ....query.file import File
 from ..bag_plan import Outlet
@@ -27,7 +27,7 @@ from ..qos_profiles import OFFERED
 from ..rows_out import Sent
 
 
-class _Zstd:
+class _MessageZstd:
     """Finds in a standard message the numbers that ours before it has: two thirds smaller than level 1, and faster."""
 
     name = "zstd"
@@ -128,7 +128,7 @@ class Storage:
 
     def _compressor(self) -> Compressor:
         if self._compression == "zstd":
-            return _Zstd()
+            return _MessageZstd()
         return compressor(RecorderOptions(compression=self._compression))  # type: ignore[arg-type]  # checked
 
     def _chunk(self, sent: Sequence[Sent]) -> None:
