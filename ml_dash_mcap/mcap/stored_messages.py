@@ -87,8 +87,8 @@ def _chunks(
     file: McapFile, wanted: Collection[int], start_ns: int, end_ns: int, done: Collection[int]
 ) -> Iterator[StoredChunk]:
     """Do what `chunks` does by the index as it is now, but for the chunks that start at the places in `done`."""
-    held = chunk_table.holding(file.index.chunks, wanted, start_ns, end_ns)
-    in_file = sorted((chunk for _, chunk in held if chunk.offset not in done), key=lambda chunk: chunk.offset)
+    held = [file.index.chunks[at] for at in chunk_table.holding(file.index.chunks, wanted, start_ns, end_ns).tolist()]
+    in_file = sorted((chunk for chunk in held if chunk.offset not in done), key=lambda chunk: chunk.offset)
 
     def cut(chunk_and_span: tuple[Chunk, bytes]) -> StoredChunk:
         chunk, span = chunk_and_span
