@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import errno
-import json
 import math
 import os
-import socket
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from ..errors import StorageError
-from ..file_names import JOURNAL_FILE, SESSION_FILE
+from ..file_names import SESSION_FILE
 from ..options import RecorderOptions
 from ..store.session_lock import SessionLock
 from .buffer import Buffer
+from .session_record import SessionRecord, buffer_path
 
 _SHARED_MEMORY = Path("/dev/shm")
 
@@ -48,7 +47,8 @@ class JournalFiles:
         self.buffers: list[Buffer] = []
         try:
             self._reserve()
-            self._lock.write(self._describe(about))
+            record = SessionRecord.of(name, str(self._path("*")), about, self._lock)
+            self._lock.write(record.to_bytes())
         except OSError as error:
             self.remove()
             if isinstance(error, StorageError):
@@ -59,21 +59,8 @@ class JournalFiles:
             self.remove()
             raise
 
-    def _describe(self, about: Mapping[str, str]) -> bytes:
-        """Say where the buffers are, for whoever comes after a crash."""
-        said = {
-            "session": self.name,
-            "pid": os.getpid(),
-            "host": socket.gethostname(),
-            "journals": str(self._path("*")),
-            "about": dict(about),
-            "path": str(self._lock.path.absolute()),
-            "inode": self._lock.inode,
-        }
-        return json.dumps(said).encode()
-
     def _path(self, number: object) -> Path:
-        return self.place.absolute() / JOURNAL_FILE.format(session=self.name, number=number)
+        return buffer_path(self.place, self.name, number)
 
     def _places(self) -> Iterator[Path]:
         if self._options.journal_dir is not None:

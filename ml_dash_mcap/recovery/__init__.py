@@ -1,14 +1,12 @@
-"""What a recorder that died left behind, made whole: its unfinished segment finished, its journal folded in."""
+"""What a recorder that died left behind, made whole: its unfinished segment is finished, its journal written."""
 
 from __future__ import annotations
 
 import errno
-import json
 import logging
 import socket
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +14,7 @@ from ..capture.channels import ChannelInfo
 from ..capture.prepare_block import BlockPreparer, SessionProgress
 from ..capture.segment_names import STAMP
 from ..capture.segment_sink import SegmentSink
+from ..capture.session_record import SessionRecord
 from ..capture.sink import SessionInfo
 from ..errors import MissingRecordingError
 from ..file_names import SESSION_GLOB
@@ -25,7 +24,7 @@ from ..store.run_folders import runs_below
 from ..store.safe_paths import place
 from ..store.session_lock import SessionLock
 from ..version import LIBRARY
-from . import dead_journals, unfinished_segments
+from . import dead_journals, session_progress, unfinished_segments
 from .dead_journals import Leftover
 
 _log = logging.getLogger("ml_dash_mcap")
@@ -95,58 +94,45 @@ def recover_folder(folder: Path) -> Recovered:
 
 
 def _recover_session(folder: Path, lock: SessionLock) -> Recovered:
-    said = _read_session(lock.path)
-    session = str(said.get("session") or lock.path.stem.removeprefix(".ml_dash-"))
-    buffers = [Path(name) for name in dead_journals.paths_of(str(said.get("journals") or ""), session)]
-    is_copy = _is_copy(said, lock)
-    if is_copy and SessionLock.is_held(Path(said["path"])):
-        buffers = []  # their recorder lives; this folder is a copy of its
-    elif not buffers and said.get("host") not in (None, socket.gethostname()):
+    """Recover one session, whose lock is held."""
+    record = SessionRecord.read(lock.path)
+    original = record.original(lock)
+    buffers = record.buffer_paths()
+    if original is not None and SessionLock.is_held(original):
+        buffers = []  # their recorder lives, and this folder is a copy of its folder
+    elif not buffers and record.host not in (None, socket.gethostname()):
         _log.warning(
             "%s: the rows that a recorder on %s had not written yet are in its journal there (%s); open the recording"
             " there to get them",
-            folder,
-            said["host"],
-            said.get("journals"),
+            *(folder, record.host, record.journals),
         )
         return Recovered(left=[lock.path])
-    leftovers = dead_journals.read_all(buffers, session)
-    about = {str(key): str(value) for key, value in dict(said.get("about") or {}).items()}
-    unfinished = list(unfinished_segments.unfinished(folder, session, about.pop(STAMP, "")))
-    torn_bytes = sum(map(unfinished_segments.torn_chunk_bytes, unfinished))
-    journaled = {leftover.block for leftover in leftovers if leftover.starts}
-    finished = [unfinished_segments.finish(path, journaled) for path in unfinished]
-    written, sequences = unfinished_segments.written_so_far(folder, session)
-    pending = [leftover for leftover in leftovers if leftover.block >= written]
-    rows = sum(len(leftover.starts) for leftover in pending)
-    if rows or any(leftover.extras for leftover in pending):
-        about = {"prefix": folder.name, "run": session, **about, "library": LIBRARY, "recovered": "true"}
-        last_ns = unfinished_segments.last_times(folder, session, sequences)
-        finished += _fold_in(folder, about, pending, written, sequences, last_ns)
-    if not is_copy:
+    done = _recover_rows(folder, record, dead_journals.read_all(buffers, record.session))
+    if original is None:
         for buffer in buffers:
             buffer.unlink(missing_ok=True)
     lock.remove()
+    return done
+
+
+def _recover_rows(folder: Path, record: SessionRecord, leftovers: list[Leftover]) -> Recovered:
+    """Finish the segments of a session, and write those of its buffers that are not in them into one more."""
+    about = dict(record.about)
+    unfinished = list(unfinished_segments.unfinished(folder, record.session, about.pop(STAMP, "")))
+    torn_bytes = sum(map(unfinished_segments.torn_chunk_bytes, unfinished))
+    journaled = {leftover.block for leftover in leftovers if leftover.starts}
+    finished = [unfinished_segments.finish(path, journaled) for path in unfinished]
+    written, sequences = session_progress.written_so_far(folder, record.session)
+    pending = [leftover for leftover in leftovers if leftover.block >= written]
+    rows = sum(len(leftover.starts) for leftover in pending)
+    if rows or any(leftover.extras for leftover in pending):
+        about = {"prefix": folder.name, "run": record.session, **about, "library": LIBRARY, "recovered": "true"}
+        last_ns = session_progress.last_times(folder, record.session, sequences)
+        finished += _write_buffers(folder, about, pending, written, sequences, last_ns)
     return Recovered(finished, rows, lost_bytes=0 if pending else torn_bytes)
 
 
-def _is_copy(said: dict[str, Any], lock: SessionLock) -> bool:
-    """Whether a session file was copied along with its folder, and the one that the journal belongs to is there yet."""
-    original = said.get("path")
-    if not isinstance(original, str) or said.get("inode") in (None, lock.inode):
-        return False
-    return Path(original) != lock.path.absolute() and Path(original).exists()
-
-
-def _read_session(session_file: Path) -> dict[str, Any]:
-    try:
-        said = json.loads(session_file.read_bytes())
-    except ValueError:  # the process died while it wrote this, before it recorded anything
-        return {}
-    return said if isinstance(said, dict) else {}
-
-
-def _fold_in(
+def _write_buffers(
     folder: Path,
     about: dict[str, str],
     pending: list[Leftover],

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import glob
 import json
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..capture.channels import ChannelInfo
 from ..errors import DamagedFileError
-from ..file_names import JOURNAL_FILE, JOURNAL_RECORD, KIND_KEY, TRACK
+from ..file_names import JOURNAL_RECORD, KIND_KEY, TRACK
 from ..mcap.record_layout import PREFIX_BYTES, Fields, read_prefix
 from ..mcap.records import CHANNEL, MAGIC, METADATA, SCHEMA, Channel, Opcode, Schema
 
@@ -50,47 +48,42 @@ class Leftover:
             info = _channel_info(CHANNEL.read(fields), schemas)
             self.channels[info.number] = info
         elif opcode == Opcode.METADATA:
-            found = METADATA.read(fields)
-            if found.name == JOURNAL_RECORD:
-                self.session, self.block = found.values["session"], int(found.values["block"])
+            metadata = METADATA.read(fields)
+            if metadata.name == JOURNAL_RECORD:
+                self.session, self.block = metadata.values["session"], int(metadata.values["block"])
             else:
                 self.extras.append((at, end))
         self.gaps.append((at, end))
 
 
-def paths_of(pattern: str, session: str) -> list[str]:
-    """Return the session's buffers; a session file from outside may name those of others, who may be alive."""
-    folder, _, name = pattern.rpartition("/")
-    if not session.isalnum() or name != JOURNAL_FILE.format(session=session, number="*"):
-        return []
-    return [found for found in glob.glob(f"{glob.escape(folder)}/{name}") if os.path.isfile(found)]
-
-
 def read_all(paths: list[Path], session: str) -> list[Leftover]:
     """Read the buffers that hold something, in the order in which they were filled."""
-    found = [_read_one(path, session) for path in paths]
-    return sorted((one for one in found if one is not None), key=lambda one: (one.block, bool(one.starts)))
+    leftovers = [_read(path, session) for path in paths]
+    return sorted(
+        (leftover for leftover in leftovers if leftover is not None),
+        key=lambda leftover: (leftover.block, bool(leftover.starts)),
+    )
 
 
-def _read_one(path: Path, session: str) -> Leftover | None:
+def _read(path: Path, session: str) -> Leftover | None:
     """Walk a buffer's records up to the first byte that begins none; None where nothing was recorded in it."""
     data = path.read_bytes()
     if not data.startswith(MAGIC):
         return None
-    found = Leftover(path, data, begin=len(MAGIC), end=len(MAGIC))
+    leftover = Leftover(path, data, begin=len(MAGIC), end=len(MAGIC))
     schemas: dict[int, Schema] = {}
-    while found.end + PREFIX_BYTES <= len(data):
-        at = found.end
+    while leftover.end + PREFIX_BYTES <= len(data):
+        at = leftover.end
         opcode, length = read_prefix(data, at)
         end = at + PREFIX_BYTES + length
         if opcode == 0 or end > len(data):
             break
         try:
-            found.take(opcode, at, end, schemas)
+            leftover.take(opcode, at, end, schemas)
         except DamagedFileError:  # the machine did this, not the recorder; what came before is whole
             break
-        found.end = end
-    return found if found.session == session and (found.starts or found.extras) else None
+        leftover.end = end
+    return leftover if leftover.session == session and (leftover.starts or leftover.extras) else None
 
 
 def _channel_info(channel: Channel, schemas: dict[int, Schema]) -> ChannelInfo:
