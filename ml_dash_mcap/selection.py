@@ -189,9 +189,13 @@ class Selection:
             )
         stream(self._checked(), self._info(), out, format)
 
-    def with_neighbours(self, most_s: float = math.inf) -> Selection:
-        """Return the same and the nearest row on each side of it, if that is no farther than `most_s` from its end."""
-        part = self.part
+    def with_neighbours(self, most_s: float | None = None) -> Selection:
+        """Return the same and the nearest row on each side of it.
+
+        Args:
+            most_s: A row farther than this from the range is left out, in s; None for any distance.
+        """
+        part, most_s = self.part, math.inf if most_s is None else most_s
         low, high = neighbours.widen(part.stored, part.start, part.end)
         wider = replace(part, start=max(low, part.start - most_s), end=min(high, part.end + most_s))
         return replace(self, part=wider)

@@ -22,14 +22,12 @@ import pandas as pd
 import pyarrow as pa
 from typing_extensions import assert_type
 
-from ml_dash_mcap import Experiment, Recorder, Recording, Session, Topic, convert, recordings
-from ml_dash_mcap.catalog import CatalogEntry
-from ml_dash_mcap.rows.result_dicts import Entries, Page, Take, TimePage
+from ml_dash_mcap import (
+    CatalogEntry, Entries, Episode, Experiment, Gap, Loss, Page, Recorder, Recording, Recovered, Report, RunInfo, Selection,
+    Session, SessionTrack, Stats, Take, TimePage, Topic, TopicInfo, TopicReader, Track, convert, recordings, recover,
+)
 from ml_dash_mcap.run.logs import Logs
 from ml_dash_mcap.run.metrics import Metric
-from ml_dash_mcap.run.dreamlake_tracks import SessionTrack
-from ml_dash_mcap.run.tracks import Track
-from ml_dash_mcap.topic_reader import TopicReader
 
 
 def any_format() -> str:
@@ -59,6 +57,25 @@ with Recording("run") as rec:
     assert_type(next(robot.batches()), pa.Table)
     assert_type(robot.to_pandas(), pd.DataFrame)
     assert_type(robot.to_pandas(flatten=True, time="datetime"), pd.DataFrame)
+    part = robot.select(0.0, 5.0, ["q"], limit=10)
+    assert_type(part, Selection)
+    assert_type(robot.select(start=0.0, end=5.0), Selection)
+    assert_type(next(part.rows()), dict[str, Any])
+    assert_type(part.arrow(), pa.Table)
+    assert_type(part.pandas(flatten=True), pd.DataFrame)
+    assert_type(next(part.batches()), pa.Table)
+    assert_type(part.read(), Entries)
+    assert_type(part.read("parquet"), bytes)
+    assert_type(part.read(format="mocap"), Take)
+    assert_type(part.read(any_format()), Any)
+    assert_type(len(part), int)
+    assert_type(next(robot.rows(0.0, 1.0, limit=3)), dict[str, Any])
+    assert_type(rec.topics["robot"], TopicInfo)
+    assert_type(rec.gaps("robot"), list[Gap])
+    assert_type(rec.losses, list[Loss])
+    assert_type(rec.check(), Report)
+    assert_type(rec.runs, list[RunInfo])
+    assert_type(rec.episodes, list[Episode])
     assert_type(rec.align(["robot"], hz=100), pa.Table)
     assert_type(rec.export("robot.csv"), Path)
 
@@ -91,6 +108,9 @@ with Session("demo", "robotics") as session:
 
 with Recorder("run") as recorder:
     assert_type(recorder.topic("imu").append(accel=[0.0], _ts=0.0), Topic)
+    assert_type(recorder.stats(), Stats)
+    assert_type(recorder.stats().accepted, int)
+assert_type(recover("run"), Recovered)
 assert_type(convert("a.bag", "b"), Path)
 assert_type(recordings(".dash"), Iterator[CatalogEntry])
 """
@@ -107,6 +127,9 @@ MISTAKES = {
     'RecorderOptions(compresion="lz4")': "compresion",
     'RecorderOptions(compression="gzip")': "compression",
     'Experiment("a").run.read()': "read",
+    'Recording("a")["b"].read(start_timestamp=1.0)': "start_timestamp",
+    'Recording("a")["b"].rows(limit="all")': "limit",
+    'Recording("a", recover="no")': "recover",
 }
 """Calls that a type checker should find, and a word of what it says."""
 
@@ -136,7 +159,7 @@ def test_reads_have_exact_types(tmp_path: Path) -> None:
 
 
 def test_a_type_checker_finds_misspelt_options(tmp_path: Path) -> None:
-    lines = ["from ml_dash_mcap import Experiment, Recorder, RecorderOptions", "", *MISTAKES]
+    lines = ["from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording", "", *MISTAKES]
     found = check(tmp_path, "\n".join(lines)).splitlines()
     by_line = {int(line.split(":")[1]): line for line in found if ": error: " in line}
     for number, (call, word) in enumerate(MISTAKES.items(), start=3):
