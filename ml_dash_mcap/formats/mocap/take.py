@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import ConversionError, ConversionWarning
-from ...inspect.field_shapes import Field
-from ...meaning import mocap_objects, rotations, space
-from ...meaning.mocap_objects import Body, Joint, Marker, Objects
-from ...rows.encode import TIME_KEY
+from ...errors import ConversionWarning
+from ...meaning import space
+from ...meaning.mocap_objects import Body, Joint, Marker
 from ..export_job import Job, RowCounter
+from .placement import Note, Placing
 from .take_clock import Clock
 from .take_options import TakeOptions
 from .topic_frames import TopicFrames
@@ -79,6 +77,17 @@ class Take:
         if bad:
             warnings.warn(f"{bad} values that are no rotations were left out", ConversionWarning, stacklevel=2)
 
+    def note(self, placing: Placing, joints: str | None = None) -> Note:
+        """Return the note of a file: what its columns were in the recording.
+
+        Args:
+            placing: Of the columns.
+            joints: The name of the file beside it that has the joints, if there is one.
+        """
+        topics = dict.fromkeys(thing.topic for thing in self.things)
+        metadata = {topic: self.job.topics[topic].metadata for topic in topics}
+        return Note(self.clock.origin, self.options.up, placing.placements(), metadata, joints)
+
     def _warn_of_axes(self) -> None:
         """Warn if a file will have two axes that point up, for it can name only one."""
         topics = dict.fromkeys(thing.topic for thing in self.things if not isinstance(thing, Joint))
@@ -102,62 +111,3 @@ def _width(thing: Thing) -> int:
     if isinstance(thing, Body):
         return 7 if thing.error is None else 8
     return 3 if isinstance(thing, Marker) else 1
-
-
-def found_in(job: Job, quat_order: str | None) -> dict[str, Objects]:
-    """Return the objects of each topic of a job, also of those that have none."""
-    found: dict[str, Objects] = {}
-    for topic, info in job.topics.items():
-        if info.metadata.get("quat_order") not in (None, *rotations.ORDERS):
-            raise ConversionError(
-                f"topic {topic!r}: its metadata says quat_order={info.metadata['quat_order']!r}; 'xyzw' and 'wxyz' are"
-                " known. Pass quat_order="
-            )
-        found[topic] = mocap_objects.find(topic, numeric(job, topic), info.metadata, quat_order)
-    return found
-
-
-def numeric(job: Job, topic: str) -> dict[mocap_objects.Path, tuple[int, ...]]:
-    """Return the fields of a topic that are numbers, by their keys, with their shapes.
-
-    One that is a position, a rotation or joints by its name, and whose lists have several lengths, is among them with
-    the length that it should have: reading it finds the row that differs.
-    """
-    info = job.topics[topic]
-    found: dict[mocap_objects.Path, tuple[int, ...]] = {}
-    for name, one in info.fields.items():
-        shape = tuple(length for length in one.shape if length is not None)
-        path = _path(name, info.schema)
-        if one.type in ("number", "integer") and len(shape) == len(one.shape):
-            found[path] = shape
-        elif is_ragged(one):
-            shape = mocap_objects.expected(path) or ()
-            if not shape and mocap_objects.is_joints(path, info.metadata):
-                shape = _first_shape(job, topic, name)
-            if shape:
-                found[path] = shape
-    return found
-
-
-def is_ragged(field: Field) -> bool:
-    """Whether a field has lists of numbers of several lengths."""
-    return field.type in ("number", "integer") and field.shape == (None,)
-
-
-def _first_shape(job: Job, topic: str, name: str) -> tuple[int, ...]:
-    """Return the shape of a field of lists in the first row that has it; () if none has."""
-    for row in job.part(topic, [name]).flat_rows(TIME_KEY):
-        if isinstance(row.get(name), list):
-            return (len(row[name]),)
-    return ()
-
-
-def _path(name: str, schema: Mapping[str, Any]) -> mocap_objects.Path:
-    """Return the keys of a dotted name: a schema tells a dot inside a key from one between two."""
-    properties = schema.get("properties", {})
-    if name in properties or "." not in name:
-        return (name,)
-    for key, inner in properties.items():
-        if name.startswith(f"{key}.") and isinstance(inner, dict):
-            return (key, *_path(name[len(key) + 1 :], inner))
-    return tuple(name.split("."))

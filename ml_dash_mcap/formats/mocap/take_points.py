@@ -13,9 +13,9 @@ from ...meaning.units import DECIMALS
 from ..destination import refuse_existing
 from ..export_job import Job
 from . import take_clock as rates
-from .motive.write import note_of, nothing
 from .placement import Note, Placing
-from .take import Floats, Take, Thing, found_in
+from .take import Floats, Take, Thing
+from .take_contents import found_in, nothing
 from .take_options import TakeOptions
 
 
@@ -79,4 +79,4 @@ def find(job: Job, options: TakeOptions, unit: str, *, with_rotations: bool = Fa
         points.append(thing)
         columns += range(first, first + 3)
         shifts += [DECIMALS[unit] - DECIMALS[take.unit_of(thing)]] * 3
-    return Points(take, tuple(points), tuple(columns), tuple(shifts), note_of(take, placing))
+    return Points(take, tuple(points), tuple(columns), tuple(shifts), take.note(placing))

@@ -12,10 +12,8 @@ import numpy.typing as npt
 
 from ....errors import ForeignFileError
 from ...text.number_cells import Floats
-from .parameters import BLOCK, Head
-
-_MOST_COUNTED = 65_535
-"""Frames, by 16 bits."""
+from . import layout
+from .file_parameters import BLOCK, Head
 
 _ROTATION_VALUES = 17
 """A matrix, column by column, and its residual."""
@@ -108,7 +106,7 @@ def lay_out(path: Path, head: Head, data: memoryview, *, is_lenient: bool) -> tu
         end = rotations_at
     room = (end - start) // frame_bytes
     stated = _stated(head)
-    if stated and max(stated) == _MOST_COUNTED and room > _MOST_COUNTED:  # more than 16 bits can say
+    if stated and max(stated) == layout.MOST_FRAMES and room > layout.MOST_FRAMES:  # more than 16 bits can say
         last_block = data[max(end - BLOCK, start) : end]
         filling = len(last_block) - len(bytes(last_block).rstrip(b"\0"))
         stated.append(room - filling // frame_bytes)

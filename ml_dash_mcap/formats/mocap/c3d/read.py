@@ -22,12 +22,11 @@ from .. import placement
 from ..placement import Note
 from ..take_options import C3dReadOptions
 from ..track_rows import Arrays
-from . import contents, frame_data, parameters
-from .contents import Layout
+from . import c3d_fields, file_parameters, frame_data, layout
+from .c3d_fields import Layout
+from .file_parameters import Head
 from .frame_data import Data, Frames
-from .parameters import Head
 
-GROUP = "ML_DASH"
 _ROWS = 4096
 
 
@@ -51,7 +50,7 @@ def record(src: Path, recorder: Recorder, options: C3dReadOptions, progress: Pro
     if not src.stat().st_size:
         raise ForeignFileError(src, "it is no whole C3D file: it is empty")
     raw = memoryview(cast(Any, np.memmap(src, np.uint8, "r")))
-    head = parameters.read(src, raw)
+    head = file_parameters.read(src, raw)
     data, is_cut = frame_data.lay_out(src, head, raw, is_lenient=options.on_bad == "missing")
     if is_cut:
         warnings.warn(
@@ -65,7 +64,7 @@ def record(src: Path, recorder: Recorder, options: C3dReadOptions, progress: Pro
     if note is not None:
         take.restore(note, progress)
     else:
-        take.append(contents.lay_out(head, data, matrices.shape[1], unit, options.topic), progress)
+        take.append(c3d_fields.lay_out(head, data, matrices.shape[1], unit, options.topic), progress)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,33 +82,33 @@ class _Take:
     unit: str
     start: float | None
 
-    def append(self, layout: Layout, progress: Progress | None) -> None:
+    def append(self, fields: Layout, progress: Progress | None) -> None:
         """Append a file of another tool."""
         origin = self.start or 0.0
         count = self.data.count
-        points = layout.points and Arrays(self.path, self.recorder, layout.points, layout.metadata)
-        analog = layout.channels and Arrays(self.path, self.recorder, layout.channels, layout.metadata)
-        hz = self._rate("POINT") if count and (layout.points or layout.bodies) else 0.0
-        analog_hz = self._analog_rate(hz) if layout.channels else 0.0
+        points = fields.points and Arrays(self.path, self.recorder, fields.points, fields.metadata)
+        analog = fields.channels and Arrays(self.path, self.recorder, fields.channels, fields.metadata)
+        hz = self._rate(layout.POINT) if count and (fields.points or fields.bodies) else 0.0
+        analog_hz = self._analog_rate(hz) if fields.channels else 0.0
         for first, frames in self._frames():
             stop = first + len(frames.points)
             if points:
                 numbers = frames.points.reshape(stop - first, -1).copy()
-                numbers[:, layout.lengths] /= 10.0 ** DECIMALS[self.unit]
+                numbers[:, fields.lengths] /= 10.0 ** DECIMALS[self.unit]
                 points.append(origin + np.arange(first, stop) / hz, numbers)
             if analog:
                 samples = np.arange(first * self.data.samples, stop * self.data.samples)
-                values = frames.analogs * 10.0 ** np.array(layout.channel_shifts, np.float64)
+                values = frames.analogs * 10.0 ** np.array(fields.channel_shifts, np.float64)
                 analog.append(origin + samples / analog_hz, values)
             if progress is not None:
                 progress(stop, count)
-        if layout.bodies:
-            self._append_bodies(layout, origin, hz)
+        if fields.bodies:
+            self._append_bodies(fields, origin, hz)
 
-    def _append_bodies(self, layout: Layout, origin: float, hz: float) -> None:
-        bodies = Arrays(self.path, self.recorder, layout.bodies, layout.metadata)
-        rate = self.head.one("ROTATION", "RATE") or hz * self.ratio
-        places = self.matrices[:, :, :3, 3] / 10.0 ** DECIMALS[layout.rotation_unit]
+    def _append_bodies(self, fields: Layout, origin: float, hz: float) -> None:
+        bodies = Arrays(self.path, self.recorder, fields.bodies, fields.metadata)
+        rate = self.head.one(layout.ROTATION, layout.RATE) or hz * self.ratio
+        places = self.matrices[:, :, :3, 3] / 10.0 ** DECIMALS[fields.rotation_unit]
         numbers = np.concatenate((_turns(self.matrices), places.reshape(len(places), -1)), axis=1)
         for first in range(0, len(numbers), _ROWS):
             part = numbers[first : first + _ROWS]
@@ -118,7 +117,7 @@ class _Take:
     def restore(self, note: Note, progress: Progress | None) -> None:
         """Append a file of this library: the topics and fields that it was written from."""
         origin = note.origin if self.start is None else self.start
-        hz, bodies = self._rate("POINT"), self.matrices.shape[1]
+        hz, bodies = self._rate(layout.POINT), self.matrices.shape[1]
         more = {"time_source": f"frame numbers at {hz!r} Hz"}
         metadata = {topic: {**one, **more} for topic, one in note.metadata.items()}
         arrays = Arrays(self.path, self.recorder, note.placements, metadata, skip_empty=True)
@@ -137,25 +136,25 @@ class _Take:
 
     def _rate(self, group: str) -> float:
         """Return a rate in Hz; that of points stands in the header too."""
-        stated = self.head.one(group, "RATE")
-        rate = stated if stated and stated > 0 else self.head.rate if group == "POINT" else 0.0
+        stated = self.head.one(group, layout.RATE)
+        rate = stated if stated and stated > 0 else self.head.rate if group == layout.POINT else 0.0
         if not 0 < rate < 1e9:
             raise ForeignFileError(self.path, f"{group}:RATE is {stated}, which is no rate in Hz")
-        exact = _exact_rate(self.head) if group == "POINT" else None
+        exact = _exact_rate(self.head) if group == layout.POINT else None
         return exact if exact is not None and np.float32(exact) == np.float32(rate) else rate
 
     def _analog_rate(self, hz: float) -> float:
         """Return the rate of analog channels: a whole number of samples a frame, unless there is no frame's rate."""
-        stated = self.head.one("ANALOG", "RATE")
-        frames = hz or self.head.one("POINT", "RATE") or self.head.rate
+        stated = self.head.one(layout.ANALOG, layout.RATE)
+        frames = hz or self.head.one(layout.POINT, layout.RATE) or self.head.rate
         from_frames = frames * self.data.samples
         if stated and stated > 0 and (self.data.samples > 1 or not from_frames > 0):
             return stated
-        return from_frames if from_frames > 0 else self._rate("ANALOG")
+        return from_frames if from_frames > 0 else self._rate(layout.ANALOG)
 
 
 def _unit(path: Path, head: Head, asked: str | None) -> str:
-    stated = next(iter(head.text("POINT", "UNITS")), "")
+    stated = next(iter(head.text(layout.POINT, layout.UNITS)), "")
     if stated or asked is not None:
         return unit_of_length(path, stated, asked, "POINT:UNITS")
     if head.points:
@@ -170,13 +169,13 @@ def _unit(path: Path, head: Head, asked: str | None) -> str:
 def _exact_rate(head: Head) -> float | None:
     """Return the rate that this library wrote as text, for the file has it as float32."""
     try:
-        return float(head.text(GROUP, "RATE")[0])
+        return float(head.text(layout.NOTES, layout.RATE)[0])
     except (IndexError, ValueError):
         return None
 
 
 def _note(head: Head, columns: int) -> Note | None:
-    return placement.from_text("".join(head.text(GROUP, "NOTE")), columns)
+    return placement.from_text("".join(head.text(layout.NOTES, layout.NOTE)), columns)
 
 
 def _turns(matrices: Floats) -> Floats:

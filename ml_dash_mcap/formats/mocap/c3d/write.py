@@ -16,15 +16,11 @@ from ....meaning.units import DECIMALS
 from ...destination import fresh_file, refuse_existing
 from ...export_job import Job
 from .. import take_clock as rates
-from ..motive.write import note_of, nothing
 from ..placement import Note, Placing, to_text
-from ..take import Floats, Take, Thing, found_in
+from ..take import Floats, Take, Thing
+from ..take_contents import found_in, nothing
 from ..take_options import C3dWriteOptions
-
-MOST_FRAMES = 65_535
-GROUP = "ML_DASH"
-"""The parameters that say what the recording was: the note, cut into pieces, for a parameter's text is short."""
-PIECE = 120
+from . import layout
 
 _ROUNDING_M = 1e-4
 """Rounding to float32 that moves a point by more draws a warning."""
@@ -53,10 +49,10 @@ def export(job: Job, options: C3dWriteOptions) -> Path:
     if options.joints:
         things += [joint for one in found.values() for joint in one.joints]
     clock = rates.find(job, [thing.topic for thing in things], options.rate)
-    if clock.count > MOST_FRAMES:
+    if clock.count > layout.MOST_FRAMES:
         raise ConversionError(
-            f"C3D holds at most {MOST_FRAMES} frames, and these are {clock.count}: choose a part by start= and end=,"
-            " or a lower rate="
+            f"C3D holds at most {layout.MOST_FRAMES} frames, and these are {clock.count}: choose a part by start= and"
+            " end=, or a lower rate="
         )
     take = Take(job, options, things, clock)
     values = np.concatenate([window.values for window in take.windows()])
@@ -95,17 +91,17 @@ def _fill(file: Any, take: Take, values: Floats, unit: str) -> None:
         places[:3, number] = values[:, at : at + 3].T * 10.0**shift
     _warn_of_rounding(places[:3], unit)
     places[:, np.isnan(places).any(axis=0)] = np.nan
-    said["POINT"]["RATE"]["value"] = [hz]
-    said["POINT"]["UNITS"]["value"] = [unit]
-    said["POINT"]["LABELS"]["value"] = [thing.name for thing, _ in points]
+    said[layout.POINT][layout.RATE]["value"] = [hz]
+    said[layout.POINT][layout.UNITS]["value"] = [unit]
+    said[layout.POINT][layout.LABELS]["value"] = [thing.name for thing, _ in points]
     file["data"]["points"] = places
     if joints:
-        said["ANALOG"]["RATE"]["value"] = [hz]
-        said["ANALOG"]["LABELS"]["value"] = [joint.name for joint, _ in joints]
+        said[layout.ANALOG][layout.RATE]["value"] = [hz]
+        said[layout.ANALOG][layout.LABELS]["value"] = [joint.name for joint, _ in joints]
         file["data"]["analogs"] = values[:, [at for _, at in joints]].T[None]
     if bodies:
-        file.add_parameter("ROTATION", "LABELS", [body.name for body, _ in bodies])
-        file.add_parameter("ROTATION", "RATE", [hz])
+        file.add_parameter(layout.ROTATION, layout.LABELS, [body.name for body, _ in bodies])
+        file.add_parameter(layout.ROTATION, layout.RATE, [hz])
         file["data"]["rotations"] = np.stack([_matrices(values[:, at : at + 7]) for _, at in bodies], axis=2)
     placing = Placing()
     for number, (thing, _) in enumerate(points):
@@ -116,13 +112,14 @@ def _fill(file: Any, take: Take, values: Floats, unit: str) -> None:
     first += 4 * len(bodies)
     for number, (joint, _) in enumerate(joints):
         placing.add(joint, {"value": [first + number]})
-    _add_note(file, note_of(take, placing), hz)
+    _add_note(file, take.note(placing), hz)
 
 
 def _add_note(file: Any, note: Note, rate: float) -> None:
     text = to_text(note)
-    file.add_parameter(GROUP, "RATE", [repr(rate)])
-    file.add_parameter(GROUP, "NOTE", [text[at : at + PIECE] for at in range(0, len(text), PIECE)])
+    file.add_parameter(layout.NOTES, layout.RATE, [repr(rate)])
+    pieces = [text[at : at + layout.NOTE_PIECE] for at in range(0, len(text), layout.NOTE_PIECE)]
+    file.add_parameter(layout.NOTES, layout.NOTE, pieces)
 
 
 def _matrices(values: Floats) -> Floats:

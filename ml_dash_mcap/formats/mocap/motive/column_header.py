@@ -11,13 +11,7 @@ from typing import NamedTuple
 from ....errors import ForeignFileError
 from ...text.dialect import Dialect, number
 from ...text.headers import Header, unit_of_length, without_empty_end
-
-VERSIONS = ("1.2", "1.20", "1.21", "1.22", "1.23", "1.24", "1.25")
-BODIES = ("Rigid Body", "Bone")
-MARKERS = {"Marker": "markers", "Rigid Body Marker": "body_markers", "Bone Marker": "bone_markers"}
-"""Types of markers, to the fields that hold them."""
-JOINT = "Joint"
-"""What this library calls its own columns of joints."""
+from . import layout
 
 _TIME_CODES = ("timecode", "smpte", "smptetimecode")
 
@@ -51,16 +45,17 @@ class Layout:
 def read_pairs(path: Path, line: str, dialect: Dialect) -> dict[str, str]:
     """Return the first line's keys and values."""
     cells = dialect.split(line)
-    if not cells or cells[0] != "Format Version":
-        raise ForeignFileError(path, "the file does not begin with 'Format Version'; it is no CSV of Motive's", 1, 1)
+    if not cells or cells[0] != layout.FORMAT_VERSION:
+        what = f"the file does not begin with {layout.FORMAT_VERSION!r}; it is no CSV of Motive's"
+        raise ForeignFileError(path, what, 1, 1)
     pairs = {key: value for key, value in zip(cells[::2], cells[1::2], strict=False) if key}
-    version = pairs.get("Format Version", "").replace(",", ".")
-    if version not in VERSIONS:
-        raise ForeignFileError(path, f"format version {version!r}; {', '.join(VERSIONS)} are known", 1, 2)
-    if pairs.get("Rotation Type", "Quaternion") not in ("Quaternion", ""):
-        kind = pairs["Rotation Type"]
+    version = pairs.get(layout.FORMAT_VERSION, "").replace(",", ".")
+    if version not in layout.VERSIONS:
+        raise ForeignFileError(path, f"format version {version!r}; {', '.join(layout.VERSIONS)} are known", 1, 2)
+    if pairs.get(layout.ROTATION_TYPE, "") not in (layout.QUATERNION, ""):
+        kind = pairs[layout.ROTATION_TYPE]
         raise ForeignFileError(
-            path, f"rotation type {kind!r}; export with quaternions", 1, 1 + cells.index("Rotation Type") + 1
+            path, f"rotation type {kind!r}; export with quaternions", 1, 1 + cells.index(layout.ROTATION_TYPE) + 1
         )
     return pairs
 
@@ -74,7 +69,7 @@ def read_columns(path: Path, header: Header, dialect: Dialect) -> Layout:
         if any(cells):
             rows.append(cells)
             lines.append(header.line)
-        if rows and rows[-1][0].lower() == "frame":
+        if rows and rows[-1][0].lower() == layout.FRAME.lower():
             break
         if len(rows) > 6 or (rows and number(rows[-1][0]) is not None):
             raise ForeignFileError(path, "the header has no row that begins with 'Frame'", header.line)
@@ -113,7 +108,11 @@ def _named(
         else:
             plain.append((row, line))
     if labels:
-        wanted = {"types": labels.get("Type"), "names": labels.get("Name"), "IDs": labels.get("ID")}
+        wanted = {
+            "types": labels.get(layout.TYPE),
+            "names": labels.get(layout.NAME),
+            "IDs": labels.get(layout.IDENTITY),
+        }
         wanted["groups"] = plain[0] if plain else None
     else:
         wanted = dict(zip(("types", "names", "IDs", "groups"), [*plain, None, None, None, None], strict=False))
@@ -132,10 +131,10 @@ def _check(path: Path, columns: Sequence[Column], leading: int, line: int) -> No
     for group in by_object(columns):
         first = columns[group[0]]
         have = [(columns[at].group, columns[at].axis) for at in group]
-        is_point = first.type in (*BODIES, *MARKERS)
-        wanted = [("Position", axis) for axis in "XYZ"] if is_point else []
-        if first.type in BODIES:
-            wanted = [*(("Rotation", axis) for axis in "XYZW"), *wanted]
+        is_point = first.type in (*layout.BODIES, *layout.MARKERS)
+        wanted = [(layout.POSITION, axis) for axis in layout.POSITION_AXES] if is_point else []
+        if first.type in layout.BODIES:
+            wanted = [*((layout.ROTATION, axis) for axis in layout.ROTATION_AXES), *wanted]
         missing = next((one for one in wanted if one not in have), None)
         if missing is not None:
             at = leading + group[0] + 1
@@ -168,8 +167,8 @@ def axes_of(columns: Sequence[Column], group: Sequence[int], kind: str, axes: st
 
 def unit_of(path: Path, pairs: Mapping[str, str], asked: str | None) -> str:
     """Return the file's unit of length: "m", "cm" or "mm"."""
-    stated = pairs.get("Length Units", "Meters")
-    at = 2 + 2 * list(pairs).index("Length Units") if "Length Units" in pairs else None
+    stated = pairs.get(layout.LENGTH_UNITS, layout.UNIT_WORDS["m"])
+    at = 2 + 2 * list(pairs).index(layout.LENGTH_UNITS) if layout.LENGTH_UNITS in pairs else None
     return unit_of_length(path, stated, asked, "length units", 1, at)
 
 

@@ -22,13 +22,11 @@ from ...text.plain_text import opened
 from .. import joined_tables, placement, restored, row_times, start_times
 from ..placement import NOTE_KEY, Note, Placement
 from ..row_times import Clue, Timing
+from ..sto import layout as sto_layout
 from ..sto import read as sto
 from ..take_options import MotiveReadOptions
 from ..track_rows import Report, Tracks, checked
-from . import column_header, contents
-from .contents import LENGTHS
-
-_START = "Capture Start Time"
+from . import column_header, layout, motive_fields
 
 
 def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: Progress | None) -> None:
@@ -51,42 +49,41 @@ def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: 
     with opened(src) as file, contextlib.ExitStack() as files:
         header = Header(src, file)
         first = header.first("its first line")
-        dialect = of_line(first.lstrip(' "').removeprefix("Format Version").lstrip(' "')[:1], default=",")
+        dialect = of_line(first.lstrip(' "').removeprefix(layout.FORMAT_VERSION).lstrip(' "')[:1], default=",")
         pairs = column_header.read_pairs(src, first, dialect)
-        layout = column_header.read_columns(src, header, dialect)
-        columns, leading = layout.columns, layout.leading
+        header_columns = column_header.read_columns(src, header, dialect)
+        columns, leading = header_columns.columns, header_columns.leading
         note = placement.from_text(pairs.get(NOTE_KEY, ""), len(columns))
         unit = column_header.unit_of(src, pairs, options.length_units)
-        lengths = {at for at, column in enumerate(columns) if column.group in LENGTHS}
+        lengths = {at for at, column in enumerate(columns) if column.group in layout.LENGTHS}
         shifts = [-DECIMALS[unit] if at in lengths else 0 for at in range(len(columns))]
         if note:
             shifts = restored.shifts(note, DECIMALS[unit], len(columns), lengths)
-        cells = Cells(
-            src, len(columns) + leading, dialect, [0] * leading + shifts, layout.time_codes, on_bad=options.on_bad
-        )
+        shifts = [0] * leading + shifts
+        cells = Cells(src, len(shifts), dialect, shifts, header_columns.time_codes, on_bad=options.on_bad)
         cells.learn([*itertools.chain(*preview(file))])
         line = header.line + 1
         origin = options.start if options.start is not None else note.origin if note else None
         if origin is None:
-            origin = start_times.read(src, pairs.get(_START, ""), _START, options.timezone) or 0.0
-        clue = Clue(layout.time, 0, number(pairs.get("Export Frame Rate", "")))
+            origin = start_times.read(src, pairs.get(layout.START_TIME, ""), layout.START_TIME, options.timezone) or 0.0
+        clue = Clue(header_columns.time, 0, number(pairs.get(layout.EXPORT_RATE, "")))
         when = row_times.find(clue, cells, file, line, origin)
         first_s = row_times.first_stamp(clue, cells, file, when)
         when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
-        placements, metadata = (note.placements, note.metadata) if note else contents.foreign(columns, pairs, unit)
+        placements, metadata = (note.placements, note.metadata) if note else motive_fields.foreign(columns, pairs, unit)
         metadata = {topic: {**one, **when.metadata} for topic, one in metadata.items()}
-        parts = _restored(cells.read(file, line), note, leading, layout) if note else cells.read(file, line)
+        parts = _restored(cells.read(file, line), note, leading, header_columns) if note else cells.read(file, line)
         beside = sto.beside(src, note.joints if note else None)
         if note is None or beside is None:
             tracks = Tracks(src, recorder, placements, metadata, skip_empty=note is not None)
             for part in parts:
-                times = when.stamps(part.values[:, 0], part.values[:, layout.time])
-                column = layout.time + 1
+                times = when.stamps(part.values[:, 0], part.values[:, header_columns.time])
+                column = header_columns.time + 1
                 tracks.append_from(cells, times, part.values[:, leading:], part, column)
                 report.add(len(part.values), part.at)
         else:
             table = files.enter_context(sto.table(beside, on_bad=options.on_bad, start=options.start))
-            others, more = table.layout(sto.TOPIC)
+            others, more = table.fields(sto_layout.TOPIC)
             tracks = Tracks(
                 src, recorder, [*placements, *_behind(others, len(columns))], {**more, **metadata}, skip_empty=True
             )
@@ -97,10 +94,10 @@ def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: 
     report.finish(cells.bad)
 
 
-def _restored(parts: Iterator[Part], note: Note, leading: int, layout: column_header.Layout) -> Iterator[Part]:
+def _restored(parts: Iterator[Part], note: Note, leading: int, header_columns: column_header.Layout) -> Iterator[Part]:
     """Yield the rows of a file that this library wrote, turned to the axes that they had."""
-    points = column_header.vectors(layout.columns, "Position", "XYZ")
-    rotations = column_header.vectors(layout.columns, "Rotation", "XYZW")
+    points = column_header.vectors(header_columns.columns, layout.POSITION, layout.POSITION_AXES)
+    rotations = column_header.vectors(header_columns.columns, layout.ROTATION, layout.ROTATION_AXES)
     for part in parts:
         restored.turn_back(part.values[:, leading:], note, points, rotations)
         yield part

@@ -1,7 +1,7 @@
 """OptiTrack Motive CSV, versions 1.23 and 1.25.
 
-The header is that of Motive 2 and 3's own exports (docs.optitrack.com, Data Export: CSV), with more pairs behind its
-first line that say what the recording was.
+The header is that of Motive 2 and 3's own exports, with more pairs behind its first line: what the
+recording was.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from .. import take_clock as rates
 from ..placement import NOTE_KEY, Note, Placing, to_text
 from ..sto import write as sto
 from ..table_text import TableText
-from ..take import Take, Thing, found_in
+from ..take import Take, Thing
+from ..take_contents import found_in, nothing
 from ..take_options import MocapWriteOptions
-
-_WORDS = {"m": "Meters", "cm": "Centimeters", "mm": "Millimeters"}
+from . import layout
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,16 +77,6 @@ def write(job: Job, options: MocapWriteOptions) -> Path:
     return job.dest
 
 
-def nothing(job: Job, has_joints: bool) -> str:
-    """Say that no topic has a body or a marker."""
-    names = ", ".join(map(repr, job.topics)) or "none"
-    hint = "format='sto' or layout='wide'" if has_joints else "layout='wide'"
-    return (
-        f"no rigid body and no marker in the topics ({names}): there is no position [3], no quaternion [4], no pose and"
-        f" no dict of markers among their fields; export them with {hint}"
-    )
-
-
 def _write(take: Take, options: MocapWriteOptions, file: BinaryIO, joints: str | None) -> None:
     columns = list(_columns(take))
     file.write(_header(take, options, columns, joints).encode())
@@ -105,27 +95,33 @@ def _write(take: Take, options: MocapWriteOptions, file: BinaryIO, joints: str |
 def _columns(take: Take) -> Iterator[_Column]:
     for thing, at in take.columns():
         if isinstance(thing, Body):
-            yield from (_Column(thing, at + number, "Rotation", axis, False) for number, axis in enumerate("XYZW"))
-            yield from (_Column(thing, at + 4 + number, "Position", axis, True) for number, axis in enumerate("XYZ"))
+            yield from _axes(thing, at, layout.ROTATION, layout.ROTATION_AXES)
+            yield from _axes(thing, at + 4, layout.POSITION, layout.POSITION_AXES)
             if thing.error is not None:
-                yield _Column(thing, at + 7, "Mean Marker Error", "", True)
+                yield _Column(thing, at + 7, layout.MARKER_ERROR, "", True)
         elif isinstance(thing, Marker):
-            yield from (_Column(thing, at + number, "Position", axis, True) for number, axis in enumerate("XYZ"))
+            yield from _axes(thing, at, layout.POSITION, layout.POSITION_AXES)
         else:
-            yield _Column(thing, at, "Angle", "", False)
+            yield _Column(thing, at, layout.ANGLE, "", False)
+
+
+def _axes(thing: Thing, first: int, group: str, axes: str) -> Iterator[_Column]:
+    """Yield a column for each axis of an object's position or rotation."""
+    for column, axis in enumerate(axes, first):
+        yield _Column(thing, column, group, axis, group in layout.LENGTHS)
 
 
 def _header(take: Take, options: MocapWriteOptions, columns: Sequence[_Column], joints: str | None) -> str:
     rows: list[list[str]] = [_pairs(take, options, columns, joints), []]
-    rows.append(["", "Type", *(_type(column.thing) for column in columns)])
-    rows.append(["", "Name", *(column.thing.name for column in columns)])
-    rows.append(["", "ID", *(_identity(column.thing) for column in columns)])
+    rows.append(["", layout.TYPE, *(_type(column.thing) for column in columns)])
+    rows.append(["", layout.NAME, *(column.thing.name for column in columns)])
+    rows.append(["", layout.IDENTITY, *(_identity(column.thing) for column in columns)])
     if options.format_version == "1.25":
         bodies = {thing.topic: thing.name for thing in reversed(take.things) if isinstance(thing, Body)}
         parents = ["" if isinstance(one.thing, Body) else bodies.get(one.thing.topic, "") for one in columns]
-        rows.append(["", "Parent", *parents])
+        rows.append(["", layout.PARENT, *parents])
     rows.append(["", "", *(column.group for column in columns)])
-    rows.append(["Frame", "Time (Seconds)", *(column.axis for column in columns)])
+    rows.append([layout.FRAME, layout.TIME, *(column.axis for column in columns)])
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\r\n")
     writer.writerows(rows)
@@ -138,17 +134,17 @@ def _pairs(take: Take, options: MocapWriteOptions, columns: Sequence[_Column], j
     orders = {thing.order for thing in take.things if isinstance(thing, Body)}
     rate = f"{clock.rate:.6f}"
     pairs = {
-        "Format Version": options.format_version,
-        "Take Name": take.job.dest.stem,
-        "Take Notes": "",
-        "Capture Frame Rate": rate,
-        "Export Frame Rate": rate,
-        "Capture Start Time": start_time(clock.origin),
+        layout.FORMAT_VERSION: options.format_version,
+        layout.TAKE_NAME: take.job.dest.stem,
+        layout.TAKE_NOTES: "",
+        layout.CAPTURE_RATE: rate,
+        layout.EXPORT_RATE: rate,
+        layout.START_TIME: start_time(clock.origin),
         "Total Frames in Take": str(clock.count),
         "Total Exported Frames": str(clock.count),
-        "Rotation Type": "Quaternion",
-        "Length Units": _WORDS[options.length_units],
-        "Coordinate Space": "Global",
+        layout.ROTATION_TYPE: layout.QUATERNION,
+        layout.LENGTH_UNITS: layout.UNIT_WORDS[options.length_units],
+        layout.COORDINATE_SPACE: "Global",
         "ML Dash Topic": first,
         "ML Dash Start Timestamp": repr(clock.origin),
         "ML Dash Up Axis": (take.options.up or up_of(topics[first].metadata)).upper(),
@@ -162,23 +158,21 @@ def _note(take: Take, columns: Sequence[_Column], joints: str | None) -> Note:
     placing = Placing()
     for thing in take.things:
         mine = [(at, one) for at, one in enumerate(columns) if one.thing is thing]
-        groups = {"Rotation": "rotation", "Position": "position", "Mean Marker Error": "error", "Angle": "value"}
+        groups = {
+            layout.ROTATION: "rotation",
+            layout.POSITION: "position",
+            layout.MARKER_ERROR: "error",
+            layout.ANGLE: "value",
+        }
         where: dict[str, list[int]] = {}
         for at, one in mine:
             where.setdefault(groups[one.group], []).append(at)
         placing.add(thing, where)
-    return note_of(take, placing, joints)
-
-
-def note_of(take: Take, placing: Placing, joints: str | None = None) -> Note:
-    """Return the note of a take's file."""
-    topics = take.job.topics
-    metadata = {topic: topics[topic].metadata for topic in dict.fromkeys(thing.topic for thing in take.things)}
-    return Note(take.clock.origin, take.options.up, placing.placements(), metadata, joints)
+    return take.note(placing, joints)
 
 
 def _type(thing: Thing) -> str:
-    return "Rigid Body" if isinstance(thing, Body) else thing.kind if isinstance(thing, Marker) else "Joint"
+    return layout.RIGID_BODY if isinstance(thing, Body) else thing.kind if isinstance(thing, Marker) else layout.JOINT
 
 
 def _identity(thing: Thing) -> str:

@@ -23,17 +23,13 @@ from ...text.number_cells import Cells, Floats, Part
 from ...text.plain_text import is_filler, opened
 from .. import placement, restored, row_times, start_times
 from ..placement import Placement
+from ..point_fields import about_points, marker
 from ..row_times import Clue, Timing
 from ..take_options import QtmReadOptions
 from ..track_rows import Report, Tracks
-from ..trc.read import about_points, marker
+from . import layout
 
-NOTE_WORD = "ML_DASH_NOTE"
 _WORD = re.compile(r"[A-Z][A-Z0-9_]*$")
-_BODY_COLUMNS = 16
-"""X Y Z, roll pitch yaw, residual, and the rotation matrix column by column."""
-_SHORT_BODY_COLUMNS = 7
-"""The same without the matrix, which an export may leave out."""
 _OUT_COLUMNS = 11
 """Position, quaternion, angles and residual of a body."""
 
@@ -57,21 +53,21 @@ def record(src: Path, recorder: Recorder, options: QtmReadOptions, progress: Pro
         header = Header(src, file)
         dialect = _dialect(src)
         keys, has_times = _keys(src, header, dialect)
-        has_bodies = "BODY_NAMES" in keys
-        names = _names(keys["BODY_NAMES" if has_bodies else "MARKER_NAMES"], "body" if has_bodies else "marker")
+        has_bodies = layout.BODIES in keys
+        names = _names(keys[layout.BODIES if has_bodies else layout.MARKERS], "body" if has_bodies else "marker")
         per_name = _columns_of_body(file, dialect, 2 * has_times, len(names)) if has_bodies else 3
         count = per_name * len(names)
-        note = placement.from_text(_one(keys, NOTE_WORD), count)
+        note = placement.from_text(_one(keys, layout.NOTE), count)
         is_length = [at % per_name < 3 or (has_bodies and at % per_name == 6) for at in range(count)]
-        shifts = [-DECIMALS["mm"] if one else 0 for one in is_length]
+        shifts = [-DECIMALS[layout.UNIT] if one else 0 for one in is_length]
         groups = [tuple(range(at, at + 3)) for at in range(0, count, per_name)]
         origin = options.start
         if note and not has_bodies:
-            shifts = restored.shifts(note, DECIMALS["mm"], count, range(count))
+            shifts = restored.shifts(note, DECIMALS[layout.UNIT], count, range(count))
             origin = note.origin if options.start is None else options.start
         if origin is None:
-            origin = start_times.read(src, " ".join(keys.get("TIME_STAMP", [])), "TIME_STAMP", options.timezone) or 0.0
-        leading = 2 if has_times else 0
+            origin = start_times.read(src, " ".join(keys.get(layout.START, [])), layout.START, options.timezone) or 0.0
+        leading = len(layout.COLUMNS) if has_times else 0
         cells = Cells(
             src, count + leading, dialect, [0] * leading + shifts, allow_short=True,
             on_bad=options.on_bad, keeps_blank_rows=not has_times,
@@ -122,21 +118,21 @@ def _keys(path: Path, header: Header, dialect: Dialect) -> tuple[dict[str, list[
         if not keys and is_filler(line):
             continue
         cells = dialect.split(line)
-        if cells[0] == "Frame":
+        if cells[0] == layout.COLUMNS[0]:
             break
         if not dialect.is_blank(line) and not _WORD.fullmatch(cells[0]):
             header.to(at, header.line - 1)
             break
-        if dialect.is_blank(line) and ("MARKER_NAMES" in keys or "BODY_NAMES" in keys):
+        if dialect.is_blank(line) and (layout.MARKERS in keys or layout.BODIES in keys):
             header.to(at, header.line - 1)
             break
         if cells[0]:
             more = without_empty_end(cells[1:])
             keys[cells[0]] = [*keys.get(cells[0], []), *more] if cells[0] == "EVENT" else keys.get(cells[0], more)
-    if "MARKER_NAMES" not in keys and "BODY_NAMES" not in keys:
-        what = "2D data" if _one(keys, "DATA_INCLUDED") == "2D" else "neither MARKER_NAMES nor BODY_NAMES"
+    if layout.MARKERS not in keys and layout.BODIES not in keys:
+        what = "2D data" if _one(keys, layout.INCLUDED) == "2D" else f"neither {layout.MARKERS} nor {layout.BODIES}"
         raise ForeignFileError(path, f"the header has {what}; export 3D or 6D data with the TSV header", header.line)
-    return keys, cells[0] == "Frame"
+    return keys, cells[0] == layout.COLUMNS[0]
 
 
 def _one(keys: dict[str, list[str]], key: str) -> str:
@@ -148,15 +144,15 @@ def _names(cells: list[str], word: str) -> list[str]:
 
 
 def _rate(path: Path, keys: dict[str, list[str]], has_times: bool) -> float:
-    rate = number(_one(keys, "FREQUENCY")) or 0.0
+    rate = number(_one(keys, layout.FREQUENCY)) or 0.0
     if rate <= 0 and not has_times:
-        stated = _one(keys, "FREQUENCY") or "missing"
+        stated = _one(keys, layout.FREQUENCY) or "missing"
         raise ForeignFileError(path, f"FREQUENCY is {stated!r}, and there are no times", 1)
     return rate
 
 
 def _frame_count(keys: dict[str, list[str]]) -> int | None:
-    count = number(_one(keys, "NO_OF_FRAMES"))
+    count = number(_one(keys, layout.FRAMES))
     return None if count is None else int(count)
 
 
@@ -171,9 +167,9 @@ def _without_end(part: Part, row: int, most: int | None) -> Part:
 def _about(
     placements: list[Placement], has_bodies: bool, keys: dict[str, list[str]], when: Timing
 ) -> dict[str, dict[str, Any]]:
-    kept = {key: " ".join(cells) for key, cells in keys.items() if not key.endswith("_NAMES") and key != NOTE_WORD}
+    kept = {key: " ".join(cells) for key, cells in keys.items() if not key.endswith("_NAMES") and key != layout.NOTE}
     more = {"qtm": kept, **when.metadata}
-    found = about_points(placements, "mm", more)
+    found = about_points(placements, layout.UNIT, more)
     if not has_bodies:
         return found
     units = {"pos": "m", "residual": "m", "angles": "deg"}
@@ -196,7 +192,7 @@ def _columns_of_body(file: BinaryIO, dialect: Dialect, leading: int, bodies: int
     """Return how many columns each body has, by the longest of the first rows."""
     lines, _ = preview(file)
     longest = max((len(without_empty_end(dialect.split(line))) for line in lines[:100]), default=0)
-    return _SHORT_BODY_COLUMNS if longest - leading <= _SHORT_BODY_COLUMNS * bodies else _BODY_COLUMNS
+    return layout.SHORT_BODY_COLUMNS if longest - leading <= layout.SHORT_BODY_COLUMNS * bodies else layout.BODY_COLUMNS
 
 
 def _bodies(numbers: Floats, columns: int) -> Floats:
@@ -210,7 +206,7 @@ def _bodies(numbers: Floats, columns: int) -> Floats:
     for at in range(0, numbers.shape[1], columns):
         body = numbers[:, at : at + columns]
         turns = np.full((len(body), 4), np.nan)
-        if columns == _BODY_COLUMNS:
+        if columns == layout.BODY_COLUMNS:
             turns, bad = rotations.of_matrices(body[:, 7:].reshape(-1, 3, 3).transpose(0, 2, 1))
             turns[bad] = np.nan
         found.append(np.concatenate((body[:, :3], turns, body[:, 3:7]), axis=1))

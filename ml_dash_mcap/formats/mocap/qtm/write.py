@@ -1,4 +1,4 @@
-"""Qualisys Track Manager TSV files (docs.qualisys.com, Motion data)."""
+"""Qualisys Track Manager TSV files."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from ..placement import to_text
 from ..table_text import TableText
 from ..take_options import QtmWriteOptions
 from ..take_points import find
-
-NOTE_WORD = "ML_DASH_NOTE"
+from . import layout
 
 
 def export(job: Job, options: QtmWriteOptions) -> Path:
@@ -23,23 +22,23 @@ def export(job: Job, options: QtmWriteOptions) -> Path:
         job: What to export; its destination is the file.
         options: How to write it.
     """
-    points = find(job, options, "mm")
+    points = find(job, options, layout.UNIT)
     clock, names = points.take.clock, points.names
     pairs = [
         ("FILE_VERSION", "2.0.0"),
-        ("NO_OF_FRAMES", str(clock.count)),
+        (layout.FRAMES, str(clock.count)),
         ("NO_OF_CAMERAS", "0"),
         ("NO_OF_MARKERS", str(len(names))),
-        ("FREQUENCY", f"{clock.rate:.6f}".rstrip("0").rstrip(".")),
+        (layout.FREQUENCY, f"{clock.rate:.6f}".rstrip("0").rstrip(".")),
         ("NO_OF_ANALOG", "0"),
         ("ANALOG_FREQUENCY", "0"),
         ("DESCRIPTION", "--"),
-        *([("TIME_STAMP", _stamp(clock.origin))] if clocks.is_epoch_like(clock.origin) else []),
-        ("DATA_INCLUDED", "3D"),
-        (NOTE_WORD, to_text(points.note)),
-        ("MARKER_NAMES", "\t".join(names)),
+        *([(layout.START, _stamp(clock.origin))] if clocks.is_epoch_like(clock.origin) else []),
+        (layout.INCLUDED, "3D"),
+        (layout.NOTE, to_text(points.note)),
+        (layout.MARKERS, "\t".join(names)),
     ]
-    labels = ["Frame", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
+    labels = [*layout.COLUMNS, *(f"{name} {axis}" for name in names for axis in "XYZ")]
     text = TableText(separator="\t", decimals=options.decimals, time_decimals=clock.time_decimals(options.decimals))
     with fresh_file(job.dest) as path, path.open("wb") as file:
         file.write("".join(f"{key}\t{value}\r\n" for key, value in pairs).encode())

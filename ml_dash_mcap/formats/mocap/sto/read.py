@@ -22,10 +22,8 @@ from ..placement import Note, Placement
 from ..row_times import Clue, Timing
 from ..take_options import StoReadOptions
 from ..track_rows import Report, Tracks, checked
-from . import vectors
+from . import layout, vectors
 
-NOTE_LINE = "ml_dash_note"
-TOPIC = "joints"
 _MOST_HEADER_LINES = 1000
 _QUOTED = re.compile(r'"((?:[^"]|"")*)"')
 _DOUBLES = ("", "double", "float")
@@ -58,7 +56,7 @@ def record(src: Path, recorder: Recorder, options: StoReadOptions, progress: Pro
     report = Report(src, progress)
     with table(src, on_bad=options.on_bad, start=options.start) as found:
         kind = vectors.KINDS.get(found.data_type)
-        placements, metadata = found.layout(options.topic or (TOPIC if kind is None else kind.topic))
+        placements, metadata = found.fields(options.topic or (layout.TOPIC if kind is None else kind.topic))
         tracks = Tracks(src, recorder, placements, metadata, skip_empty=found.note is not None)
         for part in found.parts():
             times = found.when.stamps(part.values[:, 0], part.values[:, 0])
@@ -103,13 +101,13 @@ class Table:
             times, keep = checked(self.cells, self.when.stamps(part.values[:, 0], part.values[:, 0]), part.lines, 1)
             yield times, part.values[:, 1:] if keep is None else part.values[keep, 1:]
 
-    def layout(self, topic: str) -> tuple[list[Placement], dict[str, dict[str, Any]]]:
+    def fields(self, topic: str) -> tuple[list[Placement], dict[str, dict[str, Any]]]:
         """Return where the numbers go, and the metadata of the topics."""
         if self.note is not None:
             return list(self.note.placements), {
                 name: {**one, **self.when.metadata} for name, one in self.note.metadata.items()
             }
-        about: dict[str, Any] = {"sto": {key: value for key, value in self.keys.items() if key != NOTE_LINE}}
+        about: dict[str, Any] = {"sto": {key: value for key, value in self.keys.items() if key != layout.NOTE}}
         kind = vectors.KINDS.get(self.data_type)
         stated = self.keys.get("units")
         if kind is not None:
@@ -139,7 +137,7 @@ def table(src: Path, *, on_bad: str, start: float | None) -> Iterator[Table]:
         dialect = of_line(labels, default=" ")
         names = without_empty_end(dialect.split(labels))
         _check_names(src, keys, names, header.line)
-        note = placement.from_text(keys.get(NOTE_LINE, ""), len(names) - 1)
+        note = placement.from_text(keys.get(layout.NOTE, ""), len(names) - 1)
         head, tail = preview(file)
         line = header.line + 1
         kind = vectors.KINDS.get(keys.get("datatype", "").lower())
@@ -161,15 +159,14 @@ def table(src: Path, *, on_bad: str, start: float | None) -> Iterator[Table]:
 
 
 def _check_names(path: Path, keys: dict[str, str], names: list[str], line: int) -> None:
-    if not names or names[0].lower() != "time":
+    if not names or names[0].lower() != layout.TIME:
         first = repr(names[0]) if names else "missing"
-        raise ForeignFileError(path, f"the first column is {first}, not 'time'", line, 1)
-    for key in ("ncolumns", "datacolumns"):
-        count = number(keys.get(key, ""))
+        raise ForeignFileError(path, f"the first column is {first}, not {layout.TIME!r}", line, 1)
+    for word in (layout.COLUMNS, "datacolumns"):
+        count = number(keys.get(word.lower(), ""))
         if count is not None and count != len(names):
-            word = "nColumns" if key == "ncolumns" else key
             raise ForeignFileError(
-                path, f"the header says {word}={keys[key]}, but {len(names)} columns are named", line
+                path, f"the header says {word}={keys[word.lower()]}, but {len(names)} columns are named", line
             )
 
 
@@ -178,10 +175,10 @@ def _angle_unit(path: Path, keys: dict[str, str]) -> str | None:
 
     OpenSim takes .mot files without a version, as SIMM writes them, for degrees, unless they say otherwise.
     """
-    said = keys.get("indegrees")
+    said = keys.get(layout.IN_DEGREES.lower())
     if said is not None:
         return "deg" if said.lower() in ("yes", "true", "1", "y") else "rad"
-    version = number(keys.get("version", "0")) or 0.0
+    version = number(keys.get(layout.VERSION, "0")) or 0.0
     return "deg" if path.suffix.lower() == ".mot" and version < 1 else None
 
 
@@ -192,13 +189,13 @@ def _keys(path: Path, header: Header) -> dict[str, str]:
     """
     said: dict[str, str] = {}
     while True:
-        line = header.next("'endheader'").strip(BLANKS)
+        line = header.next(repr(layout.END)).strip(BLANKS)
         quoted = _QUOTED.match(line)
         line = quoted[1].replace('""', '"') if quoted else line.strip(f"{BLANKS},;")
-        if line.lower() == "endheader":
+        if line.lower() == layout.END:
             return said
         if header.line > _MOST_HEADER_LINES:
-            raise ForeignFileError(path, "the header has no 'endheader'", header.line)
+            raise ForeignFileError(path, f"the header has no {layout.END!r}", header.line)
         key, equals, value = line.partition("=")
         if not equals:
             key, _, value = line.partition(" " if " " in line else "\t")

@@ -1,30 +1,25 @@
-"""OpenSim storage files: joint angles and other numbers by time.
-
-The layout is that of opensim-org's documentation, "Storage (.sto) File Format"; times need not be evenly spaced.
-"""
+"""OpenSim storage files: joint angles and other numbers by time."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ....errors import ConversionError, ConversionWarning
-from ....meaning.mocap_objects import Joint, Source
+from ....errors import ConversionError
+from ....meaning.mocap_objects import Joint
 from ....meaning.units import angle_unit
 from ...destination import fresh_file, refuse_existing
 from ...export_job import Job
 from .. import take_clock as rates
 from ..placement import Note, Placing, to_text
 from ..table_text import TableText
-from ..take import Take, found_in, is_ragged, numeric
+from ..take import Take
+from ..take_contents import every_number, found_in
 from ..take_options import StoWriteOptions, TakeOptions
-
-NOTE_LINE = "ml_dash_note"
-"""The key of the header's line that says what the recording was."""
+from . import layout
 
 
 def export(job: Job, options: StoWriteOptions) -> Path:
@@ -74,7 +69,7 @@ def write(
     take = Take(job, options, list(joints), clock)
     labels = [f"{one.topic}/{one.name}" if len(topics) > 1 else one.name for one in joints]
     labels = [label.replace("\t", " ").replace("\n", " ") for label in labels]
-    in_degrees = b"yes" if _are_degrees(job, joints) else b"no"
+    in_degrees = "yes" if _are_degrees(job, joints) else "no"
     placing = Placing()
     for at, joint in enumerate(joints):
         placing.add(joint, {"value": [at]})
@@ -83,11 +78,11 @@ def write(
     text = TableText(separator="\t", end="\n", decimals=decimals, time_decimals=clock.time_decimals(decimals))
     count = 0
     with path.open("w+b") as file:
-        file.write(b"Coordinates\nversion=1\nnRows=")
+        file.write(f"Coordinates\n{layout.VERSION}=1\n{layout.ROWS}=".encode())
         at_count = file.tell()
-        file.write(b"%20d\nnColumns=%d\ninDegrees=%b\n" % (0, len(joints) + 1, in_degrees))
-        file.write(f"{NOTE_LINE}={note}\nendheader\n".encode())
-        file.write("\t".join(("time", *labels)).encode() + b"\n")
+        pairs = {layout.COLUMNS: len(joints) + 1, layout.IN_DEGREES: in_degrees, layout.NOTE: note}
+        lines = [f"{0:20d}", *(f"{key}={value}" for key, value in pairs.items()), layout.END]
+        file.write("\n".join([*lines, "\t".join((layout.TIME, *labels)), ""]).encode())
         for window in take.windows():
             whole = ~np.isnan(window.values).any(axis=1)
             count += int(whole.sum())
@@ -112,27 +107,3 @@ def _angle_unit(metadata: Mapping[str, Any], column: str) -> str | None:
     """Return "deg" or "rad" as a topic's metadata says a field's unit; None if it says neither."""
     stated = metadata.get("units")
     return angle_unit(str(stated.get(column) if isinstance(stated, Mapping) else stated))
-
-
-def every_number(job: Job, topic: str) -> list[Joint]:
-    """Return each number of a topic's rows as a column: `q.0`, `pose.yaw`; warn of lists that have no one length."""
-    shapes = numeric(job, topic)
-    columns = {".".join(path) for path in shapes}
-    for name, field in job.topics[topic].fields.items():
-        if is_ragged(field) and name not in columns:
-            warnings.warn(
-                f"topic {topic!r}: the field {name!r} is left out, for its lists have several lengths",
-                ConversionWarning,
-                stacklevel=2,
-            )
-    found: list[Joint] = []
-    for path, shape in shapes.items():
-        name = ".".join(path)
-        if not shape:
-            found.append(Joint(name, topic, Source((path,), ())))
-            continue
-        indices = np.ndindex(*shape)
-        for number, index in enumerate(indices):
-            label = ".".join((name, *map(str, index)))
-            found.append(Joint(label, topic, Source((path,), shape, number, number + 1)))
-    return found

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
-from typing import Any
 
 from ....errors import ForeignFileError
 from ....meaning.units import DECIMALS
@@ -15,14 +14,15 @@ from ...text.dialect import Dialect, number, of_line
 from ...text.headers import Header, preview, refuse_numbers, unit_of_length
 from ...text.number_cells import Cells
 from ...text.plain_text import opened
-from .. import placement, restored, row_times, stated_units
-from ..placement import NOTE_KEY, Placement
+from .. import placement, restored, row_times
+from ..placement import NOTE_KEY
+from ..point_fields import about_points, marker
 from ..row_times import Clue
 from ..take_options import TrcReadOptions
 from ..track_rows import Report, Tracks
+from . import layout
 
-_LEADING = 2
-"""Columns before those of markers: frame and time."""
+LEADING = len(layout.COLUMNS)
 
 
 def record(src: Path, recorder: Recorder, options: TrcReadOptions, progress: Progress | None) -> None:
@@ -40,16 +40,16 @@ def record(src: Path, recorder: Recorder, options: TrcReadOptions, progress: Pro
     report = Report(src, progress)
     with opened(src) as file:
         header = Header(src, file)
-        first = header.first("'PathFileType'")
+        first = header.first(repr(layout.FIRST_WORD))
         at_keys, line_of_keys = header.at(), header.line
         dialect = _dialect(header, first)
         header.to(at_keys, line_of_keys)
         about = dialect.split(first) if dialect.separator != " " else first.split("\t")
         keys = header.row("the row of keys", dialect)
         values = header.row("the row of values", dialect)
-        said = {key.lower(): value for key, value in zip(keys, values, strict=False)}
-        unit = _unit(src, said, keys, header.line, options.length_units)
-        names = _names(src, header, said, dialect)
+        values_by_key = {key.lower(): value for key, value in zip(keys, values, strict=False)}
+        unit = _unit(src, values_by_key, keys, header.line, options.length_units)
+        names = _names(src, header, values_by_key, dialect)
         count = 3 * len(names)
         note = placement.from_text(about[about.index(NOTE_KEY) + 1], count) if NOTE_KEY in about[:-1] else None
         groups = [tuple(range(at, at + 3)) for at in range(0, count, 3)]
@@ -57,10 +57,10 @@ def record(src: Path, recorder: Recorder, options: TrcReadOptions, progress: Pro
         if note:
             shifts = restored.shifts(note, DECIMALS[unit], count, range(count))
             origin = note.origin if options.start is None else options.start
-        cells = Cells(src, count + _LEADING, dialect, [0, 0, *shifts], allow_short=True, on_bad=options.on_bad)
+        cells = Cells(src, count + LEADING, dialect, [0, 0, *shifts], allow_short=True, on_bad=options.on_bad)
         cells.learn([*itertools.chain(*preview(file))])
         line = header.line + 1
-        clue = Clue(1, 0, number(said.get("datarate", "")), _starts(said))
+        clue = Clue(1, 0, number(values_by_key.get(layout.RATE.lower(), "")), _starts(values_by_key))
         when = row_times.find(clue, cells, file, line, origin)
         first_s = row_times.first_stamp(clue, cells, file, when)
         when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
@@ -71,7 +71,7 @@ def record(src: Path, recorder: Recorder, options: TrcReadOptions, progress: Pro
             placements = [marker(name, at, options.topic) for name, at in zip(names, groups, strict=True)]
             tracks = Tracks(src, recorder, placements, about_points(placements, unit, when.metadata))
         for part in cells.read(file, line):
-            numbers = part.values[:, _LEADING:]
+            numbers = part.values[:, LEADING:]
             if note:
                 restored.turn_back(numbers, note, groups, ())
             times = when.stamps(part.values[:, 0], part.values[:, 1])
@@ -80,24 +80,10 @@ def record(src: Path, recorder: Recorder, options: TrcReadOptions, progress: Pro
     report.finish(cells.bad)
 
 
-def marker(name: str, columns: tuple[int, ...], topic: str) -> Placement:
-    """Return where a marker's numbers go: `set:name` into the topic `set`."""
-    before, colon, behind = name.partition(":")
-    if colon and before and behind:
-        return Placement(before, ("markers", behind), (3,), columns)
-    return Placement(topic, ("markers", name), (3,), columns)
-
-
-def about_points(placements: list[Placement], unit: str, more: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the metadata of topics of points that the file has in some unit of length."""
-    said = {"length_units": "m", "units": {"markers": "m"}, **stated_units.converted([unit]), **more}
-    return {one.topic: said for one in placements}
-
-
 def _dialect(header: Header, first: str) -> Dialect:
     """Return how the file is split, by the row of its keys: the first line may have a path with any letters in it."""
     line = first
-    while "datarate" not in line.lower() or line is first:
+    while layout.RATE.lower() not in line.lower() or line is first:
         found = header.next_or_none()
         if found is None:
             return of_line(first)
@@ -105,27 +91,27 @@ def _dialect(header: Header, first: str) -> Dialect:
     return of_line(line, default=" " if " " in line.strip() else "\t")
 
 
-def _starts(said: dict[str, str]) -> list[float]:
-    start = number(said.get("origdatastartframe", ""))
+def _starts(values: dict[str, str]) -> list[float]:
+    start = number(values.get(layout.START_FRAME.lower(), ""))
     return [1.0, 0.0] if start is None else [start, 1.0, 0.0]
 
 
-def _unit(path: Path, said: dict[str, str], keys: list[str], line: int, asked: str | None) -> str:
-    at = next((number for number, key in enumerate(keys, 1) if key.lower() == "units"), None)
+def _unit(path: Path, values: dict[str, str], keys: list[str], line: int, asked: str | None) -> str:
+    at = next((number for number, key in enumerate(keys, 1) if key.lower() == layout.UNITS.lower()), None)
     if at is None and asked is None:
         raise ForeignFileError(path, "the row of keys has no Units; pass length_units= to say them", line - 1)
-    return unit_of_length(path, said.get("units", ""), asked, "the unit", line, at)
+    return unit_of_length(path, values.get(layout.UNITS.lower(), ""), asked, "the unit", line, at)
 
 
-def _names(path: Path, header: Header, said: dict[str, str], dialect: Dialect) -> list[str]:
+def _names(path: Path, header: Header, values: dict[str, str], dialect: Dialect) -> list[str]:
     """Read the rows of names and axes."""
     cells = header.row("the row of marker names", dialect)
-    if len(cells) < _LEADING or not cells[0].lower().startswith("frame") or not cells[1].lower().startswith("time"):
+    if len(cells) < LEADING or not cells[0].lower().startswith("frame") or not cells[1].lower().startswith("time"):
         raise ForeignFileError(path, "the row of marker names does not begin with Frame# and Time", header.line, 1)
     line = header.line
     axes = header.row("the row of axes", dialect)
     refuse_numbers(path, axes, "row of axes", header.line)
-    wanted = number(said.get("nummarkers", ""))
+    wanted = number(values.get(layout.MARKERS.lower(), ""))
     names = cells[2::3]
     given = [name for name in cells[2:] if name]
     if any(cells[at] for at in range(3, len(cells)) if at % 3 != 2) or not all(names):
@@ -133,5 +119,7 @@ def _names(path: Path, header: Header, said: dict[str, str], dialect: Dialect) -
             raise ForeignFileError(path, "marker names do not stand in every third column", line)
         names = given
     if wanted is not None and wanted != len(names):
-        raise ForeignFileError(path, f"NumMarkers is {said['nummarkers']}, but {len(names)} markers are named", line)
+        raise ForeignFileError(
+            path, f"{layout.MARKERS} is {values[layout.MARKERS.lower()]}, but {len(names)} markers are named", line
+        )
     return distinct(names)

@@ -1,8 +1,4 @@
-"""OpenSim marker files, .trc.
-
-The layout is that of opensim-org's documentation, "Marker (.trc) Files"; what it says of the recording stands behind
-the file's name in its first line, where readers do not look.
-"""
+"""OpenSim marker files, .trc."""
 
 from __future__ import annotations
 
@@ -14,6 +10,7 @@ from ..placement import NOTE_KEY, to_text
 from ..table_text import TableText
 from ..take_options import TrcWriteOptions
 from ..take_points import find
+from . import layout
 
 
 def export(job: Job, options: TrcWriteOptions) -> Path:
@@ -26,15 +23,13 @@ def export(job: Job, options: TrcWriteOptions) -> Path:
     points = find(job, options, options.length_units)
     clock, names = points.take.clock, points.names
     hz, count = f"{clock.rate:.6f}".rstrip("0").rstrip("."), clock.count
-    keys = ["DataRate", "CameraRate", "NumFrames", "NumMarkers"]
-    keys += ["Units", "OrigDataRate", "OrigDataStartFrame", "OrigNumFrames"]
     values = [hz, hz, str(count), str(len(names)), options.length_units, hz, "1", str(count)]
     axes = [f"{axis}{number + 1}" for number in range(len(names)) for axis in "XYZ"]
     lines = [
-        ["PathFileType", "4", "(X/Y/Z)", " ".join(job.dest.name.split()), NOTE_KEY, to_text(points.note)],
-        keys,
+        [layout.FIRST_WORD, "4", "(X/Y/Z)", " ".join(job.dest.name.split()), NOTE_KEY, to_text(points.note)],
+        [*layout.KEYS],
         values,
-        ["Frame#", "Time", *(cell for name in names for cell in (name, "", ""))],
+        [*layout.COLUMNS, *(cell for name in names for cell in (name, "", ""))],
         ["", "", *axes],
         [],
     ]

@@ -26,10 +26,10 @@ from ..placement import Note, Placement
 from ..row_times import Timing
 from ..take_options import ViconReadOptions
 from ..track_rows import Report, Tracks, checked
-from . import contents, sections
-from .sections import LEADING, Section
+from . import layout, sections, vicon_fields
+from .layout import LEADING
+from .sections import Section
 
-_MM = DECIMALS["mm"]
 _EVENTS_TOPIC = "events"
 
 
@@ -88,13 +88,13 @@ class _Table:
         on_bad: str,
     ) -> _Table:  # fmt: skip
         """Lay out a section whose columns stand behind `before` others of the file."""
-        placements = contents.placed(section, topic)
-        metadata = contents.about(section, placements)
+        placements = vicon_fields.placed(section, topic)
+        metadata = vicon_fields.about(section, placements)
         shifts = [stated_units.shift(unit) for unit in section.units]
         if note is not None:
             note = _part(note, before, len(section.axes))
-            lengths = {at for at, unit in enumerate(section.units) if unit == "mm"}
-            shifts = restored.shifts(note, _MM, len(section.axes), lengths)
+            lengths = {at for at, unit in enumerate(section.units) if unit == layout.UNIT}
+            shifts = restored.shifts(note, DECIMALS[layout.UNIT], len(section.axes), lengths)
             placements, metadata = list(note.placements), {name: dict(one) for name, one in note.metadata.items()}
         file.seek(section.start)
         head, tail = preview(file, section.stop)
@@ -118,8 +118,8 @@ class _Table:
 
     def rows(self, file: BinaryIO, report: Report) -> Iterator[tuple[Floats, Floats]]:
         """Yield time stamps, [N], s, and numbers, [N, C]; several sections can be read by turns."""
-        points = [one.columns for one in contents.placed(self.section, "") if one.path[0] in ("markers", "pos")]
-        turns = [one.columns for one in contents.placed(self.section, "") if one.path[0] == "quat"]
+        points = [one.columns for one in vicon_fields.placed(self.section, "") if one.path[0] in ("markers", "pos")]
+        turns = [one.columns for one in vicon_fields.placed(self.section, "") if one.path[0] == "quat"]
         file.seek(self.section.start)
         for part in self.cells.read(file, self.section.line, self.section.stop):
             numbers = part.values[:, LEADING:]
@@ -164,7 +164,7 @@ def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table]
         placements += [replace(place, columns=tuple(width + at for at in place.columns)) for place in one.placements]
         present += [(width + count,)] * len(one.placements)
         for name, about in one.metadata.items():
-            metadata[name] = contents.merged(metadata.get(name, {}), {**about, **one.when.metadata})
+            metadata[name] = vicon_fields.merged(metadata.get(name, {}), {**about, **one.when.metadata})
         width += count + 1
     if len(tables) == 1:
         tracks = Tracks(path, recorder, placements, metadata, skip_empty=tables[0].note is not None)
@@ -204,7 +204,7 @@ def _append_events(
         said = {key.lower().replace(" ", "_"): value for key, value in event.items() if key and key != word}
         rows.append({**said, "_ts": when.origin + time + when.shift})
     if rows:
-        about = {"vicon": {"section": "Events"}, **when.metadata}
+        about = {"vicon": {"section": layout.EVENTS}, **when.metadata}
         open_topic(recorder, _EVENTS_TOPIC, MESSAGE, Topic, TopicAbout(metadata=about)).append_batch(rows)
     return len(events) - len(rows)
 

@@ -12,15 +12,11 @@ from ...text.headers import Header, refuse_numbers, without_empty_end
 from ...text.plain_text import is_filler
 from .. import placement
 from ..placement import NOTE_KEY, Note
+from . import layout
+from .layout import SECTIONS
 
-SECTIONS = ("Trajectories", "Devices", "Model Outputs", "Joints", "Segments", "Objects", "Bones", "Events")
-"""What the first line of a section says; others are read too if they are laid out like these."""
-
-LEADING = 2
-"""Columns before the others: frame and sub frame."""
-
-_EVENTS = "Events"
 _MOST_COLUMNS = 1 << 20
+_FIRST_COLUMNS = [column.lower().replace(" ", "") for column in layout.COLUMNS]
 _COMMAS = Dialect(",")
 
 
@@ -73,7 +69,7 @@ def read(path: Path, file: BinaryIO) -> Contents:
             text = (header.next_or_none() or "").strip(BLANKS)
             text = text if text.startswith("{") else _COMMAS.split(text)[0]
             found.note = placement.from_text(text, _MOST_COLUMNS)
-        elif title == _EVENTS:
+        elif title == layout.EVENTS:
             found.events += _events(header)
         else:
             found.sections.append(_section(path, header, file, title))
@@ -96,8 +92,10 @@ def _section(path: Path, header: Header, file: BinaryIO, title: str) -> Section:
         names_text, axes_text = axes_text, _line(header, "the row of axes")
     dialect = of_line(axes_text, default=",")
     axes = without_empty_end(dialect.split(axes_text))
-    if len(axes) < LEADING or axes[0].lower() != "frame" or axes[1].lower().replace(" ", "") != "subframe":
-        raise ForeignFileError(path, "the row of axes does not begin with Frame and Sub Frame", header.line, 1)
+    if len(axes) < layout.LEADING or [axis.lower().replace(" ", "") for axis in axes[:2]] != _FIRST_COLUMNS:
+        raise ForeignFileError(
+            path, f"the row of axes does not begin with {' and '.join(layout.COLUMNS)}", header.line, 1
+        )
     names = without_empty_end(dialect.split(names_text))
     count = len(axes)
     if len(names) > count:
@@ -106,13 +104,21 @@ def _section(path: Path, header: Header, file: BinaryIO, title: str) -> Section:
     if len(units) > count:
         raise ForeignFileError(path, f"there are units for {len(units)} columns, but axes for {count}", header.line)
     filled, last = [], ""
-    for name in (names + [""] * count)[LEADING:count]:
+    for name in (names + [""] * count)[layout.LEADING : count]:
         last = name or last
         filled.append(last)
     line, start = header.line + 1, header.at()
     _pass_rows(header, dialect)
     return Section(
-        title, rate, filled, axes[LEADING:], (units + [""] * count)[LEADING:count], dialect, line, start, header.at()
+        title,
+        rate,
+        filled,
+        axes[layout.LEADING :],
+        (units + [""] * count)[layout.LEADING : count],
+        dialect,
+        line,
+        start,
+        header.at(),
     )
 
 
@@ -148,7 +154,7 @@ def _pass_rows(header: Header, dialect: Dialect) -> None:
         if dialect.is_blank(line):
             continue
         first = line.partition(dialect.separator)[0]  # splitting whole lines would take as long as parsing them
-        if number(first.strip('"')) is None and len(without_empty_end(dialect.split(line))) < LEADING:
+        if number(first.strip('"')) is None and len(without_empty_end(dialect.split(line))) < layout.LEADING:
             header.to(end, lines)
             return
         end, lines = header.at(), header.line

@@ -8,13 +8,11 @@ from ....meaning.mocap_objects import Body
 from ....meaning.units import DECIMALS
 from ...destination import fresh_file
 from ...export_job import Job
-from ..motive.write import note_of
 from ..placement import NOTE_KEY, Note, Placing, to_text
 from ..table_text import TableText
 from ..take_options import ViconWriteOptions
 from ..take_points import Points, find
-
-_TURNS = ("RX", "RY", "RZ", "RW", "TX", "TY", "TZ")
+from . import layout
 
 
 def export(job: Job, options: ViconWriteOptions) -> Path:
@@ -26,28 +24,28 @@ def export(job: Job, options: ViconWriteOptions) -> Path:
         job: What to export; its destination is the file.
         options: How to write it.
     """
-    points = find(job, options, "mm", with_rotations=True)
+    points = find(job, options, layout.UNIT, with_rotations=True)
     bodies = [(thing, at) for thing, at in points.take.columns() if isinstance(thing, Body)]
     text = TableText(decimals=options.decimals)
     hz = repr(points.take.clock.rate).removesuffix(".0")
     with fresh_file(job.dest) as path, path.open("wb") as file:
         if points.things:
             names = ["", "", *(cell for name in points.names for cell in (name.replace(",", " "), "", ""))]
-            units = ["", "", *["mm"] * len(points.columns)]
-            axes = ["Frame", "Sub Frame", *["X", "Y", "Z"] * len(points.things)]
-            file.write(_head("Trajectories", hz, names, axes, units))
+            units = ["", "", *[layout.UNIT] * len(points.columns)]
+            axes = [*layout.COLUMNS, *layout.POINT_AXES * len(points.things)]
+            file.write(_head(layout.TRAJECTORIES, hz, names, axes, units))
             for window in points.take.windows():
                 heads = [b"%d,0" % frame for frame in (window.frames + 1).tolist()]
                 file.write(text.rows(heads, points.of(window.values), points.shifts))
         if bodies:
             file.write(b"\r\n" if points.things else b"")
             names = ["", "", *(cell for body, _ in bodies for cell in (body.name.replace(",", " "), *[""] * 6))]
-            units = ["", "", *["", "", "", "", "mm", "mm", "mm"] * len(bodies)]
-            file.write(_head("Objects", hz, names, ["Frame", "Sub Frame", *_TURNS * len(bodies)], units))
+            units = ["", "", *[*[""] * 4, *[layout.UNIT] * 3] * len(bodies)]
+            file.write(_head(layout.OBJECTS, hz, names, [*layout.COLUMNS, *layout.BODY_AXES * len(bodies)], units))
             columns = [at + number for _, at in bodies for number in range(7)]
             shifts: list[int] = []
             for body, _ in bodies:
-                shifts += [0] * 4 + [DECIMALS["mm"] - DECIMALS[points.take.unit_of(body)]] * 3
+                shifts += [0] * 4 + [DECIMALS[layout.UNIT] - DECIMALS[points.take.unit_of(body)]] * 3
             for window in points.take.windows():
                 heads = [b"%d,0" % frame for frame in (window.frames + 1).tolist()]
                 file.write(text.rows(heads, window.values[:, columns], shifts))
@@ -70,4 +68,4 @@ def _note(points: Points, bodies: list[tuple[Body, int]]) -> Note:
     for body, _ in bodies:
         placing.add(body, {"rotation": range(at, at + 4), "position": range(at + 4, at + 7)})
         at += 7
-    return note_of(points.take, placing)
+    return points.take.note(placing)

@@ -22,6 +22,7 @@ from ..placement import Placement
 from ..row_times import Clue, Timing
 from ..take_options import WideReadOptions
 from ..track_rows import Report, Tracks
+from . import layout
 
 _INDEXED = re.compile(r"(.+?)((?:\.\d+)+)")
 
@@ -43,11 +44,11 @@ def record(src: Path, recorder: Recorder, options: WideReadOptions, progress: Pr
         header = Header(src, file)
         text = header.first("the row of column names")
         dialect = of_line(text, default=",")
-        names = without_empty_end(dialect.split(text))[2:]
+        names = without_empty_end(dialect.split(text))[len(layout.COLUMNS) :]
         if not names:
             raise ForeignFileError(src, "there are no columns behind those of frame and time", header.line, 3)
         placements = _placements(names, options.topic or src.stem)
-        cells = Cells(src, len(names) + 2, dialect, on_bad=options.on_bad)
+        cells = Cells(src, len(names) + len(layout.COLUMNS), dialect, on_bad=options.on_bad)
         cells.learn([*itertools.chain(*preview(file))])
         when, clue = Timing(options.start or 0.0), Clue(1, 0)
         first_s = row_times.first_stamp(clue, cells, file, when)
@@ -63,7 +64,10 @@ def record(src: Path, recorder: Recorder, options: WideReadOptions, progress: Pr
 
 
 def _placements(names: Sequence[str], topic: str) -> list[Placement]:
-    split = [name.partition(":") if ":" in name else (topic, ":", name) for name in names]
+    split = [
+        name.partition(layout.TOPIC_END) if layout.TOPIC_END in name else (topic, layout.TOPIC_END, name)
+        for name in names
+    ]
     fields: dict[tuple[str, str], list[tuple[tuple[int, ...], int]]] = {}
     for at, (of, _, name) in enumerate(split):
         found = _INDEXED.fullmatch(name)

@@ -10,10 +10,11 @@ from ....errors import ConversionError
 from ...destination import fresh_file, refuse_existing
 from ...export_job import Job
 from .. import take_clock as rates
-from ..sto.write import every_number
 from ..table_text import TableText, numbers
 from ..take import Take
+from ..take_contents import every_number
 from ..take_options import MocapWriteOptions
+from . import layout
 
 
 def write(job: Job, options: MocapWriteOptions) -> Path:
@@ -34,8 +35,8 @@ def write(job: Job, options: MocapWriteOptions) -> Path:
     clock = rates.find(job, topics, options.rate, needs_even=False)
     take = Take(job, options, list(columns), clock)
     header = io.StringIO()
-    labels = [f"{one.topic}:{one.name}" if len(topics) > 1 else one.name for one in columns]
-    csv.writer(header, lineterminator="\n").writerow(["frame", "time", *labels])
+    labels = [f"{one.topic}{layout.TOPIC_END}{one.name}" if len(topics) > 1 else one.name for one in columns]
+    csv.writer(header, lineterminator="\n").writerow([*layout.COLUMNS, *labels])
     text = TableText(end="\n", decimals=options.decimals)
     with fresh_file(job.dest) as path, path.open("wb") as file:
         file.write(header.getvalue().encode())

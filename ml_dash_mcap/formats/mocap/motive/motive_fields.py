@@ -9,14 +9,18 @@ from ....meaning.mocap_objects import MARKERS_TOPIC
 from ...foreign_names import distinct
 from .. import stated_units
 from ..placement import Placement
-from . import column_header
-from .column_header import BODIES, JOINT, MARKERS, Column, slug
+from . import column_header, layout
+from .column_header import Column, slug
 
-_ERRORS = ("Mean Marker Error", "Error Per Marker")
-LENGTHS = ("Position", *_ERRORS)
-"""Groups of columns that are lengths."""
-
-_KEPT = ("Take Name", "Take Notes", "Capture Start Time", "Coordinate Space", "Capture Frame Rate", "Export Frame Rate")
+_KEPT = (
+    layout.TAKE_NAME,
+    layout.TAKE_NOTES,
+    layout.START_TIME,
+    layout.COORDINATE_SPACE,
+    layout.CAPTURE_RATE,
+    layout.EXPORT_RATE,
+)
+"""Keys of the first line that become the topic's metadata."""
 
 
 def foreign(
@@ -30,21 +34,21 @@ def foreign(
         unit: Of its lengths.
     """
     groups = column_header.by_object(columns)
-    bodies = [group for group in groups if columns[group[0]].type in BODIES]
+    bodies = [group for group in groups if columns[group[0]].type in layout.BODIES]
     names = distinct([columns[group[0]].name or "body" for group in bodies])
     placements: list[Placement] = []
     for name, group in zip(names, bodies, strict=True):
         placements += _body(name, columns, group)
     for group in groups:
         first = columns[group[0]]
-        if first.type in MARKERS:
+        if first.type in layout.MARKERS:
             placements += _marker(columns, group, names)
-        elif first.type == JOINT:
+        elif first.type == layout.JOINT:
             placements.append(Placement("joints", (first.name,), (), (group[0],)))
-        elif first.type not in BODIES:
+        elif first.type not in layout.BODIES:
             placements += _others(columns, group, slug(first.type), (first.name,) if first.name else ())
     about = {key: pairs[key] for key in _KEPT if pairs.get(key)}
-    of_columns = [unit if column.group in LENGTHS else "" for column in columns]
+    of_columns = [unit if column.group in layout.LENGTHS else "" for column in columns]
     fields = stated_units.by_topic(placements, of_columns)
     said = {"quat_order": "xyzw", "length_units": "m", "up": "y", "motive": about, **stated_units.converted([unit])}
     return placements, {  # y is up unless changed in Motive
@@ -53,10 +57,10 @@ def foreign(
 
 
 def _body(name: str, columns: Sequence[Column], group: Sequence[int]) -> list[Placement]:
-    position = column_header.axes_of(columns, group, "Position", "XYZ")
-    rotation = column_header.axes_of(columns, group, "Rotation", "XYZW")
+    position = column_header.axes_of(columns, group, layout.POSITION, layout.POSITION_AXES)
+    rotation = column_header.axes_of(columns, group, layout.ROTATION, layout.ROTATION_AXES)
     found = [Placement(name, ("pos",), (3,), position), Placement(name, ("quat",), (4,), rotation)]
-    errors = [at for at in group if columns[at].group in _ERRORS]
+    errors = [at for at in group if columns[at].group in layout.ERRORS]
     if errors:
         found.append(Placement(name, ("mean_marker_error",), (), (errors[0],)))
     rest = [at for at in group if at not in (*position, *rotation, *errors[:1])]
@@ -66,8 +70,8 @@ def _body(name: str, columns: Sequence[Column], group: Sequence[int]) -> list[Pl
 def _marker(columns: Sequence[Column], group: Sequence[int], bodies: Sequence[str]) -> list[Placement]:
     first = columns[group[0]]
     topic, name = _topic_of(first, bodies)
-    position = column_header.axes_of(columns, group, "Position", "XYZ")
-    found = [Placement(topic, (MARKERS[first.type], name), (3,), position)]
+    position = column_header.axes_of(columns, group, layout.POSITION, layout.POSITION_AXES)
+    found = [Placement(topic, (layout.MARKERS[first.type], name), (3,), position)]
     for at in group:
         if at not in position:
             axis = (columns[at].axis,) if columns[at].axis else ()

@@ -9,9 +9,10 @@ from ....meaning.units import length_unit
 from ...foreign_names import distinct
 from .. import stated_units
 from ..placement import Placement
-from ..trc.read import marker
+from ..point_fields import marker
+from . import layout
+from .file_parameters import Head
 from .frame_data import Data
-from .parameters import Head
 
 OUTPUTS_TOPIC = "model_outputs"
 ANALOG_TOPIC = "analog"
@@ -47,8 +48,10 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> Layou
     """
     found = Layout(rotation_unit=_rotation_unit(head, unit))
     outputs = _outputs(head)
-    about: dict[str, Any] = {"c3d": {"first_frame": head.first, "rate": head.one("POINT", "RATE") or head.rate}}
-    for at, label in enumerate(_labels(head, "POINT", head.points, "point")):
+    about: dict[str, Any] = {
+        "c3d": {"first_frame": head.first, "rate": head.one(layout.POINT, layout.RATE) or head.rate}
+    }
+    for at, label in enumerate(_labels(head, layout.POINT, head.points, "point")):
         columns = tuple(range(3 * at, 3 * at + 3))
         kind = outputs.get(label) or outputs.get(label.rpartition(":")[2])
         if kind is None:
@@ -60,14 +63,14 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> Layou
             one = Placement(OUTPUTS_TOPIC, (kind[0], label), (3,), columns)
             _say(found, one, kind[1], about)
         found.points.append(one)
-    for at, name in enumerate(_labels(head, "ROTATION", bodies, "body")):
+    for at, name in enumerate(_labels(head, layout.ROTATION, bodies, "body")):
         first = 4 * bodies + 3 * at
         placed = Placement(name, ("pos",), (3,), tuple(range(first, first + 3)))
         found.bodies += [placed, Placement(name, ("quat",), (4,), tuple(range(4 * at, 4 * at + 4)))]
         more = stated_units.converted([found.rotation_unit])
         _say(found, placed, "m", {**about, "length_units": "m", "quat_order": "xyzw", **more})
-    channels = _labels(head, "ANALOG", data.channels, "channel")
-    stated = head.text("ANALOG", "UNITS")
+    channels = _labels(head, layout.ANALOG, data.channels, "channel")
+    stated = head.text(layout.ANALOG, layout.UNITS)
     stated += [""] * (len(channels) - len(stated))
     for at, (name, own) in enumerate(zip(channels, stated, strict=False)):
         one = Placement(ANALOG_TOPIC, (name,), (), (at,))
@@ -80,8 +83,8 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> Layou
     return found
 
 
-def _say(layout: Layout, one: Placement, unit: str, about: dict[str, Any]) -> None:
-    said = layout.metadata.setdefault(one.topic, {})
+def _say(fields: Layout, one: Placement, unit: str, about: dict[str, Any]) -> None:
+    said = fields.metadata.setdefault(one.topic, {})
     said.update(about)
     if unit:
         said.setdefault("units", {})[".".join(one.path)] = unit
@@ -89,27 +92,30 @@ def _say(layout: Layout, one: Placement, unit: str, about: dict[str, Any]) -> No
 
 def _outputs(head: Head) -> dict[str, tuple[str, str]]:
     """Return the points that are no positions, by label: what kind they are of, and their unit."""
-    said = head.parameters.get("POINT", {})
-    groups = dict.fromkeys((*_OUTPUTS, *head.text("POINT", "TYPE_GROUPS")))
+    said = head.parameters.get(layout.POINT, {})
+    groups = dict.fromkeys((*_OUTPUTS, *head.text(layout.POINT, "TYPE_GROUPS")))
     groups.update((f"{key.removesuffix('_UNITS')}S", None) for key in said if key.endswith("_UNITS"))
     found: dict[str, tuple[str, str]] = {}
     for group in groups:
         name = group.strip().upper()
         unit = next(
-            iter(head.text("POINT", f"{name.removesuffix('S')}_UNITS") or head.text("POINT", f"{name}_UNITS")), ""
+            iter(
+                head.text(layout.POINT, f"{name.removesuffix('S')}_UNITS") or head.text(layout.POINT, f"{name}_UNITS")
+            ),
+            "",
         )
-        for label in head.text("POINT", name):
-            if label and name not in ("LABELS", "DESCRIPTIONS", "UNITS", "TYPE_GROUPS"):
+        for label in head.text(layout.POINT, name):
+            if label and name not in (layout.LABELS, "DESCRIPTIONS", layout.UNITS, "TYPE_GROUPS"):
                 found.setdefault(label, (name.lower(), unit))
     return found
 
 
 def _rotation_unit(head: Head, unit: str) -> str:
-    stated = next(iter(head.text("ROTATION", "UNITS")), "").lower()
+    stated = next(iter(head.text(layout.ROTATION, layout.UNITS)), "").lower()
     return length_unit(stated) or unit
 
 
 def _labels(head: Head, group: str, count: int, word: str) -> list[str]:
     """Return the names of points or channels; those that the file does not name are numbered."""
-    names = [name or f"{word} {at}" for at, name in enumerate(head.text(group, "LABELS")[:count], 1)]
+    names = [name or f"{word} {at}" for at, name in enumerate(head.text(group, layout.LABELS)[:count], 1)]
     return distinct(names + [f"{word} {at + 1}" for at in range(len(names), count)])

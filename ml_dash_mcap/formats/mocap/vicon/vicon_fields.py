@@ -8,11 +8,9 @@ from typing import Any
 from ...foreign_names import distinct
 from .. import stated_units
 from ..placement import Placement
-from ..trc.read import marker
+from ..point_fields import marker
+from . import layout
 from .sections import Section
-
-_ROTATION = ("RX", "RY", "RZ", "RW")
-_PLACE = ("TX", "TY", "TZ")
 
 
 def placed(section: Section, topic: str) -> list[Placement]:
@@ -28,16 +26,16 @@ def placed(section: Section, topic: str) -> list[Placement]:
         where = _slug(section.title)
         prefix: tuple[str, ...] = (name,) if name else ()
         taken: tuple[int, ...] = ()
-        if set("XYZ") <= set(by_axis) and section.title == "Trajectories":
-            taken = tuple(by_axis[axis] for axis in "XYZ")
+        if set(layout.POINT_AXES) <= set(by_axis) and section.title == layout.TRAJECTORIES:
+            taken = tuple(by_axis[axis] for axis in layout.POINT_AXES)
             one = marker(name or "marker", taken, topic)
             placements.append(one)
             where, prefix = one.topic, one.path[1:]
-        elif set(_PLACE) <= set(by_axis):
+        elif set(layout.PLACE_AXES) <= set(by_axis):
             where, prefix = name.replace(":", "/") or section.title.lower(), ()
-            taken = tuple(by_axis[axis] for axis in _PLACE)
+            taken = tuple(by_axis[axis] for axis in layout.PLACE_AXES)
             placements.append(Placement(where, ("pos",), (3,), taken))
-            turns = tuple(by_axis[axis] for axis in _ROTATION if axis in by_axis)
+            turns = tuple(by_axis[axis] for axis in layout.ROTATION_AXES if axis in by_axis)
             if len(turns) > 2:
                 placements.append(Placement(where, ("quat" if len(turns) == 4 else "rotation",), (len(turns),), turns))
                 taken += turns
