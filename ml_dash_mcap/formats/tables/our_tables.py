@@ -6,7 +6,6 @@ tables of others have all of their fields in each row: null is None there.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -23,55 +22,51 @@ from ...rows.dotted import FIELD_PREFIX
 from ...rows.encode import TIME_KEY
 from ...rows.typed_columns import ENCODING_KEY, from_text
 from ...topic import Topic
-from .parquet.layout import OTHER_CLOCK, SHAPE_KEY, UNIT_KEY, WALL_CLOCK
+from .. import vector_names
+from .table_about import OTHER_CLOCK, SHAPE_KEY, UNIT_KEY, WALL_CLOCK, TableAbout, properties_of
 
 ABSENT: Any = object()
 
 Make = Callable[[Any], Any]
 """Makes a row's value of what a column holds."""
 
-_INDEXED = re.compile(r"(.+?)((?:\.\d+)+)")
-_ANNOTATIONS = ("units", "joint_names", "quat_order", "frame_id")
-
 
 class OurTable:
     """What the columns of such a table were made of."""
 
-    def __init__(self, schema: pa.Schema, about: Mapping[str, Any]) -> None:
+    def __init__(self, schema: pa.Schema, about: TableAbout) -> None:
         """Look at the columns.
 
         Args:
             schema: Of the table.
-            about: What the file says: the topic, the schema of its rows, and so on.
+            about: What the file says of it.
         """
         self._about = about
-        self.time_name: str = about.get("time", TIME_KEY)
-        self._properties = _properties(about.get("schema"))
+        self.time_name = about.time_name
+        self._properties = properties_of(about.schema)
         taken = {self.time_name, *(field.name for field in list(schema)[1:2] if _is_derived(field))}
         self._fields = {field.name: field for field in schema if field.name not in taken}
         self._paths = {name: self._path(name, taken) for name in self._fields}
-        self._vectors = self._grouped() if about.get("flatten") else {}
+        self._vectors = self._grouped() if about.is_flat else {}
         grouped = {name for names, _ in self._vectors.values() for name in names}
         self._single = [name for name in self._fields if name not in grouped]
-        self._nothing = None if about.get("kind") == MESSAGE else ABSENT
+        self._nothing = None if about.kind == MESSAGE else ABSENT
         self._types = dict(_array_types(self._properties))
         self._makes = {name: self._maker(field) for name, field in self._fields.items()}
 
     def open(self, recorder: Recorder, name: str) -> Topic:
         """Open its topic, with what was said of it."""
         about = self._about
-        metadata = dict(about.get("metadata") or {})
-        metadata.update({key: about[key] for key in _ANNOTATIONS if about.get(key)})
-        params = (about.get("run") or {}).get("params")
+        params = about.run.get("params")
         if isinstance(params, Mapping) and params:
             recorder.set_parameters(params)
-        kind = TRACK if about.get("kind") == TRACK else MESSAGE  # which merges nothing, where nothing says what it was
+        kind = TRACK if about.kind == TRACK else MESSAGE  # which merges nothing, where nothing says what it was
         return open_topic(
             recorder,
             name,
             kind,
             Topic,
-            TopicAbout(description=about.get("description"), tags=about.get("tags") or None, metadata=metadata or None),
+            TopicAbout(description=about.description, tags=about.tags or None, metadata=about.metadata or None),
         )
 
     def append(self, topic: Topic, times: npt.NDArray[np.float64], batch: pa.RecordBatch) -> None:
@@ -130,7 +125,7 @@ class OurTable:
         if all(one is None for one in flat):
             return self._nothing
         found = _reshaped(flat, shape)
-        return _trimmed(found) if self._about.get("ragged") else found
+        return _trimmed(found) if self._about.is_ragged else found
 
     def _path(self, name: str, taken: set[str]) -> tuple[str, ...]:
         plain = name.removeprefix(FIELD_PREFIX)
@@ -144,25 +139,18 @@ class OurTable:
 
     def _grouped(self) -> dict[str, tuple[list[str], tuple[int, ...]]]:
         """Return the columns of each vector or matrix, and its shape, by its name."""
-        found: dict[str, list[tuple[tuple[int, ...], str]]] = {}
-        for name in self._fields:
-            indexed = _INDEXED.fullmatch(name)
-            if indexed and name not in self._properties:
-                found.setdefault(indexed[1], []).append((tuple(map(int, indexed[2][1:].split("."))), name))
-        grouped: dict[str, tuple[list[str], tuple[int, ...]]] = {}
-        for base, entries in found.items():
-            indices = [index for index, _ in entries]
-            shape = tuple(max(axis) + 1 for axis in zip(*indices, strict=False))
-            is_whole = len({len(index) for index in indices}) == 1 and indices == list(np.ndindex(*shape))
-            if is_whole and base not in self._fields and self._type_of(base) != "object":
-                grouped[base] = ([name for _, name in entries], shape)
-        return grouped
+        names = [name for name in self._fields if name not in self._properties]
+        return {
+            base: (elements.names, elements.shape)
+            for base, elements in vector_names.grouped(names).items()
+            if elements.is_whole and base not in self._fields and self._type_of(base) != "object"
+        }
 
     def _type_of(self, name: str) -> Any:
         """Return what the rows' schema says a field is; None if it says nothing."""
         inner: Any = {"properties": self._properties}
         for part in self._paths_of(name):
-            inner = _properties(inner).get(part)
+            inner = properties_of(inner).get(part)
         return inner.get("type") if isinstance(inner, Mapping) else None
 
 
@@ -171,11 +159,6 @@ def _is_derived(field: pa.Field) -> bool:
     if field.name == WALL_CLOCK:
         return bool(pa.types.is_timestamp(field.type))
     return field.name == OTHER_CLOCK and (field.metadata or {}).get(UNIT_KEY) == b"ns"
-
-
-def _properties(schema: Any) -> Mapping[str, Any]:
-    found = schema.get("properties") if isinstance(schema, Mapping) else None
-    return found if isinstance(found, Mapping) else {}
 
 
 def put(row: dict[str, Any], path: tuple[str, ...], value: Any) -> bool:
@@ -201,7 +184,7 @@ def _array_types(properties: Mapping[str, Any], parent: str = "") -> Iterator[tu
         if found is not None:
             yield parent + name, found[0]
         elif isinstance(said, Mapping):
-            yield from _array_types(_properties(said), f"{parent}{name}.")
+            yield from _array_types(properties_of(said), f"{parent}{name}.")
 
 
 def _large(value: Any, type_: str) -> Any:

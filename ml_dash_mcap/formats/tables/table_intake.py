@@ -27,6 +27,7 @@ from ...topic import Topic
 from ..registry import Progress
 from . import arrow_values, table_times
 from .our_tables import OurTable
+from .table_about import UNIT_KEY, TableAbout
 from .table_options import TableReadOptions
 
 _IN_BRACKETS = re.compile(r"[(\[]\s*([^()\[\]]+?)\s*[)\]]\s*$")
@@ -37,7 +38,7 @@ _KNOWN_UNITS = {
 }
 """Units that are taken for such where they stand in brackets; other words there may mean anything."""
 
-UNIT_KEYS = (b"ml_dash.unit", b"unit", b"units")
+UNIT_KEYS = (UNIT_KEY, b"unit", b"units")
 """What a column's metadata may call its unit."""
 
 
@@ -47,7 +48,7 @@ class TableFile(Protocol):
     path: Path
     schema: pa.Schema
     """Its columns. The metadata of the schema and of its fields are what the file says of them."""
-    about: Mapping[str, Any] | None
+    about: TableAbout | None
     """What this library wrote into the file; None for a file of others."""
 
     def range_of(self, column: str) -> tuple[Any, Any]:
@@ -97,7 +98,7 @@ def record(file: TableFile, name: str, recorder: Recorder, options: TableReadOpt
     Raises:
         ForeignFileError: No column is the time, a row has none, or a column's type is one that no row holds.
     """
-    is_ours = file.about is not None and options.time_column in (None, file.about.get("time"))
+    is_ours = file.about is not None and options.time_column in (None, file.about.time_name)
     intake = _Own(file, name, recorder, options) if is_ours else _Foreign(file, name, recorder, options)
     for batch in file.batches():
         intake.add(batch)
@@ -185,7 +186,7 @@ class _Own(_Intake):
         super().__init__(file, options)
         assert file.about is not None
         self._table = OurTable(file.schema, file.about)
-        self._topic = self._table.open(recorder, options.topic or file.about.get("topic") or name)
+        self._topic = self._table.open(recorder, options.topic or file.about.topic or name)
 
     def add(self, batch: pa.RecordBatch) -> None:
         name = self._table.time_name

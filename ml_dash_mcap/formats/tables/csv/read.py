@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from ....rows.encode import TIME_KEY
 from ...foreign_names import distinct
 from ...registry import Progress, detect
 from .. import table_files, table_times
+from ..table_about import TableAbout
 from ..table_options import CsvReadOptions
 from . import tokens
 from . import types as csv_types
@@ -26,7 +27,7 @@ _SNIFFED_ROWS = 100
 _ROW_BYTES = 40
 """What a row is taken to have, for the progress before the rows are counted."""
 
-_OURS: Mapping[str, Any] = {"time": TIME_KEY, "flatten": True, "ragged": True}
+_OURS = TableAbout(is_ragged=True)
 """What is known of a file whose first column is `_ts`, as `formats.tables.csv.write` writes it."""
 
 

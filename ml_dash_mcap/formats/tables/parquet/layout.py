@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
 
 import numpy as np
 import orjson
@@ -19,18 +18,7 @@ from ....rows.table import Block
 from ....rows.to_data_frames import nanoseconds
 from ....rows.typed_columns import ENCODING_KEY, Column, cast_to_file, shape_of, whole
 from .. import nested_columns
-
-WALL_CLOCK = "timestamp"
-"""The column of time stamps, as instants in UTC, of a clock that shows wall-clock time."""
-
-OTHER_CLOCK = "timestamp_ns"
-"""The column of time stamps, in ns, of other clocks."""
-
-SHAPE_KEY = b"ml_dash.shape"
-"""Metadata of a vector's or matrix's column: its shape, such as `[4, 4]`; the values lie row by row."""
-
-UNIT_KEY = b"ml_dash.unit"
-"""Metadata of a column: its unit, if the topic's metadata has one under `units`."""
+from ..table_about import OTHER_CLOCK, SHAPE_KEY, UNIT_KEY, WALL_CLOCK, properties_of
 
 Make = Callable[[pa.Array], pa.Array]
 
@@ -47,7 +35,7 @@ class Layout:
         """
         self._flat = flat
         self._shapes = dict(_expected(info))
-        self._literal = {name for name in _properties(info.schema) if "." in name}
+        self._literal = {name for name in properties_of(info.schema) if "." in name}
         units = info.metadata.get("units")
         self._units = flatten({**units, TIME_KEY: "s"}, TIME_KEY) if isinstance(units, Mapping) else {}
         self._time_name = WALL_CLOCK if clock.is_epoch_like(info.start or 0.0) else OTHER_CLOCK
@@ -137,11 +125,6 @@ def _expected(info: TopicInfo) -> Iterator[tuple[str, Shape]]:
         values = field.least_shape()
         if values is not None and (not field.shape or field.type in ("integer", "number")):
             yield encodable(name), values
-
-
-def _properties(schema: Mapping[str, Any]) -> Mapping[str, Any]:
-    found = schema.get("properties")
-    return found if isinstance(found, Mapping) else {}
 
 
 def _are_stored_alike(first: Shape, second: Shape) -> bool:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -16,8 +15,8 @@ from ....errors import ConversionWarning, ForeignFileError
 from ....recorder import Recorder
 from ...registry import Progress
 from .. import table_files
+from ..table_about import ABOUT_KEY, TableAbout
 from ..table_options import ParquetReadOptions
-from .write import ABOUT_KEY
 
 _BATCH_ROWS = 8192
 _BATCH_BYTES = 16 * 2**20
@@ -137,13 +136,9 @@ class _File:
             raise ForeignFileError(self.path, f"it is damaged, or has what cannot be read: {error}") from error
 
 
-def _about(text: bytes | None, schema: pa.Schema) -> Mapping[str, Any] | None:
+def _about(text: bytes | None, schema: pa.Schema) -> TableAbout | None:
     """Return what this library wrote into a file's metadata; None if it did not, or if somebody changed the columns."""
-    if text is None:
+    about = TableAbout.from_json(text) if text is not None else None
+    if about is None or about.time_name not in schema.names:
         return None
-    try:
-        found = orjson.loads(text)
-    except orjson.JSONDecodeError:
-        return None
-    is_ours = isinstance(found, dict) and found.get("time") in schema.names
-    return found if is_ours and pa.types.is_floating(schema.field(found["time"]).type) else None
+    return about if pa.types.is_floating(schema.field(about.time_name).type) else None

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import orjson
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -16,25 +14,19 @@ from ....file_names import ABOUT_RECORD
 from ....inspect.topics import TopicInfo
 from ....query.file import File
 from ....query.topic_part import TopicPart
-from ....rows.encode import TIME_KEY
 from ....rows.table import Block
 from ... import per_topic
 from ...export_job import Job, RowCounter
 from .. import write_passes
+from ..table_about import ABOUT_KEY, TableAbout
 from ..table_options import ParquetWriteOptions
 from .layout import Layout
 
 SUFFIX = ".parquet"
 
-ABOUT_KEY = "ml_dash"
-"""In the file's metadata: JSON that says what the rows are and where they come from."""
-
 _GROUP_ROWS = 131072
 _GROUP_BYTES = 64 * 2**20
 """A row group of larger values has fewer rows."""
-
-_SAID_OF_TOPIC = ("units", "joint_names", "quat_order", "frame_id")
-"""Keys of a topic's metadata that stand at the top of `ABOUT_KEY`."""
 
 
 def export(job: Job, options: ParquetWriteOptions) -> Path:
@@ -52,17 +44,14 @@ def export(job: Job, options: ParquetWriteOptions) -> Path:
     """
 
     def put(part: TopicPart, info: TopicInfo, path: Path, counter: RowCounter) -> None:
-        about = {**_about(job, info), "kind": info.kind, "flatten": options.flatten}
-        _write(part, info, path, about, counter, flat=options.flatten)
+        _write(part, info, path, _about(job, info, is_flat=options.flatten), counter)
 
     return per_topic.write(job, SUFFIX, put)
 
 
-def _write(
-    part: TopicPart, info: TopicInfo, path: Path, about: Mapping[str, Any], counter: RowCounter, *, flat: bool
-) -> None:
-    layout = Layout(info, flat=flat)
-    metadata = {ABOUT_KEY: _json(about)}
+def _write(part: TopicPart, info: TopicInfo, path: Path, about: TableAbout, counter: RowCounter) -> None:
+    layout = Layout(info, flat=about.is_flat)
+    metadata = {ABOUT_KEY: about.to_json()}
 
     @contextlib.contextmanager
     def begin() -> Iterator[Callable[[Block], None]]:
@@ -124,28 +113,20 @@ def _texts(fields: Iterable[pa.Field], parent: str = "") -> list[str]:
     return found
 
 
-def _about(job: Job, info: TopicInfo) -> dict[str, Any]:
-    said = {key: info.metadata[key] for key in _SAID_OF_TOPIC if key in info.metadata}
-    return {
-        "topic": info.name,
-        "time": TIME_KEY,
-        **said,
-        "schema": info.schema,
-        "schema_name": info.schema_name,
-        "encoding": info.encoding,
-        "description": info.description,
-        "tags": info.tags,
-        "metadata": {key: value for key, value in info.metadata.items() if key not in said},
-        "run": job.about,
-        "source": _source(job.files[-1]) if job.files else {},
-    }
-
-
-def _json(about: Mapping[str, Any]) -> bytes:
-    try:
-        return orjson.dumps(about)
-    except TypeError:  # a foreign recording's parameter needs more than 64 bits
-        return json.dumps(about).encode()
+def _about(job: Job, info: TopicInfo, *, is_flat: bool) -> TableAbout:
+    return TableAbout(
+        topic=info.name,
+        kind=info.kind,
+        is_flat=is_flat,
+        schema=info.schema,
+        schema_name=info.schema_name,
+        encoding=info.encoding,
+        description=info.description,
+        tags=info.tags,
+        metadata=info.metadata,
+        run=job.about,
+        source=_source(job.files[-1]) if job.files else {},
+    )
 
 
 def _source(file: File) -> dict[str, str]:

@@ -1,0 +1,108 @@
+"""What this library writes into its tables about their rows, so that they come back as they were."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import orjson
+
+from ...rows.encode import TIME_KEY
+
+ABOUT_KEY = "ml_dash"
+"""The key of a file's metadata whose value is the JSON."""
+
+SHAPE_KEY = b"ml_dash.shape"
+"""Metadata of a vector's or matrix's column: its shape, such as `[4, 4]`; the values lie row by row."""
+
+UNIT_KEY = b"ml_dash.unit"
+"""Metadata of a column: its unit, if the topic's metadata has one under `units`."""
+
+WALL_CLOCK, OTHER_CLOCK = "timestamp", "timestamp_ns"
+"""The column that says the same as that of time stamps, for other readers: as instants in UTC of a clock that shows
+wall-clock time, or in ns of other clocks."""
+
+_ANNOTATIONS = ("units", "joint_names", "quat_order", "frame_id")
+"""Keys of a topic's metadata that stand at the top of the JSON."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableAbout:
+    """What is known of a table of this library. Without more than its default values it is that of a CSV file."""
+
+    time_name: str = TIME_KEY
+    """The column of time stamps, in s."""
+    topic: str | None = None
+    kind: str | None = None
+    """That of the topic. Rows of one time merge in a track alone. Null is None in messages, and elsewhere no field."""
+    is_flat: bool = True
+    """Whether vectors are a column an element, `q.0`, `q.1`, and nested fields columns with dotted names."""
+    is_ragged: bool = False
+    """Whether lists end where the rest of their columns is null."""
+    schema: Mapping[str, Any] = field(default_factory=dict)
+    """Of the rows, as JSON Schema."""
+    schema_name: str = ""
+    encoding: str = ""
+    """Of the rows in the recording, such as "json"."""
+    description: str | None = None
+    tags: Sequence[str] = ()
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    """Of the topic, its annotations included."""
+    run: Mapping[str, Any] = field(default_factory=dict)
+    """What is known of the run, its `params` included."""
+    source: Mapping[str, str] = field(default_factory=dict)
+    """Who recorded it."""
+
+    def to_json(self) -> bytes:
+        """Return the JSON that stands in the file."""
+        annotations = {key: self.metadata[key] for key in _ANNOTATIONS if key in self.metadata}
+        about = {
+            "topic": self.topic,
+            "time": self.time_name,
+            **annotations,
+            "schema": self.schema,
+            "schema_name": self.schema_name,
+            "encoding": self.encoding,
+            "description": self.description,
+            "tags": self.tags,
+            "metadata": {key: value for key, value in self.metadata.items() if key not in annotations},
+            "run": self.run,
+            "source": self.source,
+            "kind": self.kind,
+            "flatten": self.is_flat,
+        }
+        try:
+            return orjson.dumps(about)
+        except TypeError:  # a foreign recording's parameter needs more than 64 bits
+            return json.dumps(about).encode()
+
+    @classmethod
+    def from_json(cls, text: bytes) -> TableAbout | None:
+        """Return what the JSON of a file says; None if it is not that of this library."""
+        try:
+            about = orjson.loads(text)
+        except orjson.JSONDecodeError:
+            return None
+        if not isinstance(about, dict) or not isinstance(about.get("time"), str):
+            return None
+        annotations = {key: about[key] for key in _ANNOTATIONS if about.get(key)}
+        run = about.get("run")
+        return cls(
+            time_name=about["time"],
+            topic=about.get("topic"),
+            kind=about.get("kind"),
+            is_flat=bool(about.get("flatten")),
+            schema=properties_of({"properties": about.get("schema")}),
+            description=about.get("description"),
+            tags=about.get("tags") or (),
+            metadata={**(about.get("metadata") or {}), **annotations},
+            run=run if isinstance(run, Mapping) else {},
+        )
+
+
+def properties_of(schema: Any) -> Mapping[str, Any]:
+    """Return the properties of a JSON Schema; nothing of what is none."""
+    properties = schema.get("properties") if isinstance(schema, Mapping) else None
+    return properties if isinstance(properties, Mapping) else {}
