@@ -75,25 +75,26 @@ class Segments:
         Returns:
             Whether anything changed.
         """
-        gone = {finished_path(file.path): file for file in self.all}
-        files: list[File] = []
-        changed = False
+        present = self._places.present(is_known=self._is_opened)
+        kept = self._still_there(present)
+        new = [path for path in present if path not in kept]
+        self._places.prepare(new)
         self._refused.clear()
-        for path in self._places.present(is_known=self._is_opened):
-            file = gone.get(finished_path(path))
-            if file is not None and self._places.is_same(file.source, path):
-                changed |= file.refresh(path)
-                del gone[finished_path(path)]
-            else:
-                file = self._open(path)
-                changed |= file is not None
-            if file is not None:
-                files.append(file)
-        for file in gone.values():
+        has_grown = [file.refresh(path) for path, file in kept.items()]
+        opened = {path: file for path in new if (file := self._open(path)) is not None}
+        gone = set(self.all) - set(kept.values())
+        for file in gone:
             file.close()
-        self.all = files
-        self.files = [file for file in files if self._is_chosen(file)]
-        return changed or bool(gone)
+        files = kept | opened
+        self.all = [files[path] for path in present if path in files]
+        self.files = [file for file in self.all if self._is_chosen(file)]
+        return any(has_grown) or bool(opened) or bool(gone)
+
+    def _still_there(self, present: list[Path]) -> dict[Path, File]:
+        """Return the open files that are still there, by the paths that they have now."""
+        by_name = {finished_path(file.path): file for file in self.all}
+        pairs = ((path, by_name.get(finished_path(path))) for path in present)
+        return {path: file for path, file in pairs if file is not None and self._places.is_same(file.source, path)}
 
     def close(self) -> None:
         """Close the files. May be called twice."""

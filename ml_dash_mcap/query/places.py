@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePath, PurePosixPath
 from typing import Protocol, cast
 
@@ -15,6 +16,9 @@ from ..store.object_source import ObjectSource
 from ..store.safe_paths import folder_name
 from ..store.store import Store, StoredObject
 from . import recording_files
+
+_MOST_OPENINGS = 16
+"""So many objects are opened at once."""
 
 
 class Places(Protocol):
@@ -33,6 +37,9 @@ class Places(Protocol):
         Raises:
             MissingRecordingError: There is no recording.
         """
+
+    def prepare(self, paths: Sequence[Path]) -> None:
+        """Take note that some files will be opened: what that needs may be fetched for all of them together."""
 
     def open(self, path: Path) -> ByteSource:
         """Open a file that is there; its source is closed by who asked for it."""
@@ -65,6 +72,9 @@ class LocalPlaces:
             return [finished]  # the one file that was opened has been finished since
         return recording_files.segments(path, is_known=is_known)
 
+    def prepare(self, paths: Sequence[Path]) -> None:
+        """Do nothing: opening a file of this machine waits for nothing."""
+
     def open(self, path: Path) -> ByteSource:
         """Open a file; one in progress stays open, because it will be renamed."""
         return LocalFile(path, stays_open=path.name.endswith(ACTIVE_SUFFIX))
@@ -90,11 +100,12 @@ class StoredPlaces:
         self._names = list(names)
         self._stored: dict[Path, StoredObject] = {}
         """The files, as they were listed last."""
+        self._prepared: dict[Path, ObjectSource] = {}
 
     def present(self, *, is_known: bool) -> list[Path]:
         """Return the objects that are there now; see `Places.present`."""
-        found = [stored for name in self._names for stored in self._present_at(name, is_known)]
-        self._stored = {label(stored.name): stored for stored in found}
+        listed = (stored for name in self._names for stored in self._present_at(name, is_known))
+        self._stored = {label(stored.name): stored for stored in listed}
         return list(self._stored)
 
     def _present_at(self, name: str, is_known: bool) -> list[StoredObject]:
@@ -111,9 +122,17 @@ class StoredPlaces:
             recording_files.refuse_in_store(self._store, name, listed)
         return [] if stored is None else [stored]
 
+    def prepare(self, paths: Sequence[Path]) -> None:
+        """Fetch the beginnings and ends of several objects side by side: each waits for the network."""
+        sources = {path: ObjectSource(self._store, self._stored[path]) for path in paths}
+        if len(sources) > 1:
+            with ThreadPoolExecutor(_MOST_OPENINGS, "ml_dash_mcap opening") as threads:
+                list(threads.map(ObjectSource.prime, sources.values()))
+        self._prepared = sources
+
     def open(self, path: Path) -> ByteSource:
         """Open the version of an object that was listed."""
-        return ObjectSource(self._store, self._stored[path])
+        return self._prepared.pop(path)
 
     def is_same(self, source: ByteSource, path: Path) -> bool:
         """Whether the object is still the version that is open."""

@@ -86,6 +86,10 @@ class ObjectSource:
         joined = blocks[first] if first == last else blocks[first] + blocks[last]
         return joined[offset - first * BLOCK_BYTES : end - first * BLOCK_BYTES]
 
+    def prime(self) -> None:
+        """Fetch the object's beginning and end, if that was not done yet."""
+        self.read(0, 1)
+
     def expect(self, ranges: Sequence[ByteRange]) -> None:
         """Take note of ranges that will be read one after another; the first one fetches some of the next along."""
         self._expected = tuple(ranges)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -144,6 +146,19 @@ class RecordingLaws:
         for ranges in counting.asked:
             for start, end in ranges:
                 assert any(low - BLOCK_BYTES <= start and end <= high + BLOCK_BYTES for low, high in chunks)
+
+    def test_files_are_opened_side_by_side(self, store: Store, local_run: Path) -> None:
+        upload(store, local_run, "lab/demo")
+        meeting, arrivals = threading.Barrier(2), itertools.count()
+
+        class Waiting(Counting):
+            def read_ranges(self, stored: StoredObject, ranges: Sequence[ByteRange]) -> Sequence[bytes]:
+                if next(arrivals) < 2:
+                    meeting.wait(timeout=30)
+                return super().read_ranges(stored, ranges)
+
+        with Recording("lab/demo", store=Waiting(store)) as rec:
+            assert len(rec.segments) > 1
 
     def test_chunks_that_lie_far_apart_are_asked_for_together(self, store: Store, local_run: Path) -> None:
         upload(store, local_run, "lab/demo")
