@@ -14,6 +14,8 @@ import pyarrow as pa
 from .. import clock
 from ..codecs.decode import Decoder, Row
 from ..codecs.json_lines import LineReader, joined
+from ..codecs.ros.channel_columns import ChannelColumns
+from ..codecs.ros.message_decoder import MessageDecoder
 from ..file_names import KIND_KEY, TRACK
 from ..rows import zero_copy
 from ..rows.dotted import FIELD_PREFIX, flatten, project
@@ -201,6 +203,9 @@ class _Reading:
         return columns is None or any(name == column or name.startswith(column + ".") for column in columns)
 
     def _decoded(self, pieces: list[_Piece]) -> _Parsed:
+        by_column = self._unpacked(pieces)
+        if by_column is not None:
+            return by_column
         found: list[Row] = []
         kept: list[_Piece] = []
         for piece in pieces:
@@ -209,6 +214,24 @@ class _Reading:
             kept.append(piece if len(present) == len(decoded) else piece.pick(present))
             found += [row for row in decoded if row is not None]
         return _Parsed(kept, np.array([row[TIME_KEY] for row in found], np.float64), self._of_rows(found))
+
+    def _unpacked(self, pieces: list[_Piece]) -> _Parsed | None:
+        """Read ROS messages of one channel field by field; None where they have to be read one by one."""
+        key, origin = topic_rows.key_of(pieces[0].origin), pieces[0].origin
+        if key not in self._decoders:
+            self._decoders[key] = topic_rows._decoder(origin)
+        decode = self._decoders[key]
+        if not isinstance(decode, MessageDecoder):
+            return None
+        reader = ChannelColumns(
+            decode.definitions, is_ros1=decode.is_ros1, columns=self._columns, time_name=self._time_name
+        )
+        flat = reader.read([payload for piece in pieces for payload in piece.payloads])
+        if flat is None:
+            return None
+        times = _times(None, np.concatenate([piece.times_ns for piece in pieces]))
+        columns = {name: Column(array) for name, array in {self._time_name: zero_copy.to_arrow(times), **flat}.items()}
+        return _Parsed(pieces, times, Block(len(times), columns))
 
     def _of_rows(self, nested: list[Row]) -> Block:
         columns = self._columns

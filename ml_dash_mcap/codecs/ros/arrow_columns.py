@@ -10,7 +10,6 @@ import pyarrow as pa
 
 from ...rows import zero_copy
 from ...rows.arrow_types import is_shallow
-from ...rows.typed_columns import Column as ArrowColumn
 from .message_columns import Column, Indices, Ragged, count, pick, ranges
 from .message_types import Array, Basic, Definitions, Named, Type, numbers_in
 from .unpack import unpack
@@ -49,7 +48,7 @@ def _dicts(definitions: Definitions, name: str, columns: dict[str, Column]) -> d
         array = _array(definitions, type_, column)
         if not is_shallow(array.type):
             raise ValueError(f"the field {key!r} is nested too deeply for Arrow")
-        found[key] = ArrowColumn(array)
+        found[key] = array
     return found
 
 

@@ -38,8 +38,8 @@ def decoder(
     supply: Supply = _NOTHING,
     replaced: Callable[[], object] = lambda: None,
     misfit: Misfit | None = None,
-) -> Decoder:
-    """Return the function that turns a message's bytes into a row: nested messages are dicts, `uint8[]` is bytes.
+) -> MessageDecoder:
+    """Return what turns a message's bytes into a row: nested messages are dicts, `uint8[]` is bytes.
 
     It raises a `ValueError` for bytes that are no such message. A text that is no UTF-8 gets U+FFFD for what is wrong.
 
@@ -55,9 +55,22 @@ def decoder(
     Raises:
         EncodingError: The definition is broken, or has what cannot be decoded.
     """
-    found = definition(name, schema_encoding, text, supply)
-    how = _How(found, replaced, misfit or _refuse)
-    return _ros1(how) if is_ros1 else _cdr(how)
+    definitions = definition(name, schema_encoding, text, supply)
+    how = _How(definitions, replaced, misfit or _refuse)
+    return MessageDecoder(definitions, is_ros1, _ros1(how) if is_ros1 else _cdr(how))
+
+
+class MessageDecoder:
+    """Turns messages of one definition into rows."""
+
+    def __init__(self, definitions: Definitions, is_ros1: bool, decode: Decoder) -> None:
+        self.definitions = definitions
+        self.is_ros1 = is_ros1
+        self._decode = decode
+
+    def __call__(self, payload: bytes) -> Any:
+        """Return a message's row."""
+        return self._decode(payload)
 
 
 @functools.lru_cache(maxsize=256)

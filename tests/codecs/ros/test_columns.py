@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import time
+import tracemalloc
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ml_dash_mcap.codecs.ros import arrow_columns
+from ml_dash_mcap.codecs.ros.channel_columns import ChannelColumns
 from ml_dash_mcap.codecs.ros.message_decoder import decoder, definition
 from ml_dash_mcap.codecs.ros.message_types import Definitions
 from ml_dash_mcap.rows.dotted import flatten
-from ml_dash_mcap.rows.table import Block, block_of
+from ml_dash_mcap.rows.table import Block, Column, block_of
 from tests.support import ros_messages
+from tests.support.examples import examples
 
-MANY = settings(max_examples=60, deadline=None)
+MANY = settings(max_examples=examples(120), deadline=None)
 
 
 @st.composite
@@ -24,10 +27,9 @@ def cases(draw: st.DrawFn, least: int = 1) -> tuple[ros_messages.Messages, list[
     return messages, draw(st.lists(ros_messages.rows(messages), min_size=1, max_size=12))
 
 
-def columns_of(described: Definitions, payloads: list[bytes], *, is_ros1: bool = False) -> Block:
-    columns = arrow_columns.read(described, payloads, is_ros1=is_ros1)
-    flat = flatten({"_ts": None, **columns}, "_ts")
-    return Block(len(payloads), {name: column for name, column in flat.items() if name != "_ts"})
+def columns_of(described: Definitions, payloads: list[bytes], *, is_ros1: bool = False) -> Block | None:
+    columns = ChannelColumns(described, is_ros1=is_ros1, columns=None).read(payloads)
+    return None if columns is None else Block(len(payloads), {name: Column(array) for name, array in columns.items()})
 
 
 def columns_of_rows(rows: list[dict[str, Any]]) -> Block:
@@ -35,7 +37,8 @@ def columns_of_rows(rows: list[dict[str, Any]]) -> Block:
     return Block(block.count, {name: column for name, column in block.columns.items() if name != "_ts"})
 
 
-def assert_same(one: Block, other: Block) -> None:
+def assert_same(one: Block | None, other: Block) -> None:
+    assert one is not None
     assert list(one.columns) == list(other.columns)
     for name, column in one.columns.items():
         assert column.array.type == other.columns[name].array.type, name
@@ -86,9 +89,8 @@ def test_bytes_that_are_no_such_message_are_refused_or_say_what_their_rows_say(c
         broken[data.draw(st.integers(0, len(broken) - 1))] = data.draw(st.integers(0, 255))
     cut = data.draw(st.integers(0, 4))
     payloads[which] = bytes(broken[: len(broken) - cut])
-    try:
-        columns = columns_of(definition("pkg/msg/Outer", "ros2msg", text), payloads)
-    except ValueError:
+    columns = columns_of(definition("pkg/msg/Outer", "ros2msg", text), payloads)
+    if columns is None:
         return
     decode = decoder("pkg/msg/Outer", "ros2msg", text)
     assert_same(columns, columns_of_rows([decode(payload) for payload in payloads]))
@@ -128,3 +130,63 @@ def test_items_of_a_fixed_size_lie_where_alignment_puts_them(length: int, first:
         payloads.append(bytes(store.serialize_cdr(message, "pkg/msg/Outer")))
         rows.append({**firsts, "x": values, "last": number})
     assert_same(columns_of(definition("pkg/msg/Outer", "ros2msg", text), payloads), columns_of_rows(rows))
+
+
+def in_columns(text: str, payloads: list[bytes]) -> Block | None:
+    return columns_of(definition("pkg/msg/Outer", "ros2msg", text), payloads)
+
+
+def chained(depth: int) -> str:
+    """Messages each of which has two lists of the next."""
+    sections = [f"MSG: pkg/M{at}\nM{at + 1}[] a\nM{at + 1}[] b" for at in range(depth)]
+    return f"\n{'=' * 80}\n".join(["M0[] a\nM0[] b", *sections, f"MSG: pkg/M{depth}\nstring s"])
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [
+        ("float64[4000000000] x", 64),
+        ("string[4000000000] x", 64),
+        (f"Inner[4000000000] x\n{'=' * 80}\nMSG: pkg/Inner\nfloat64[4000000000] y", 64),
+        (f"uint8[] u\nOuter[] x\n{'=' * 80}\nMSG: pkg/Outer\nuint8[] u\nOuter[] x", 8),
+        (chained(30), 8),
+        ("string[] x", 1_000_000),
+        (f"Inner[] x\n{'=' * 80}\nMSG: pkg/Inner", 4),
+    ],
+    ids=[
+        "long array",
+        "many texts",
+        "arrays in arrays",
+        "message in itself",
+        "lists in lists",
+        "a long list",
+        "nothings",
+    ],
+)
+def test_what_would_take_long_or_much_memory_by_columns_is_left_to_rows(text: str, size: int) -> None:
+    tracemalloc.start()
+    begin = time.process_time()
+    try:
+        in_columns(text, [b"\0\1\0\0" + bytes(size)] * 2)
+        payload = b"\0\1\0\0" + b"\xff" * 4 + bytes(size)
+        assert in_columns(text, [payload] * 2) is None
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 100e6
+    assert time.process_time() - begin < 5
+
+
+def test_messages_of_two_byte_orders_or_without_a_head_are_left_to_rows() -> None:
+    little, big = b"\0\1\0\0\1\0\0\0", b"\0\0\0\0\0\0\0\1"
+    assert in_columns("uint32 x", [little, little]) is not None
+    assert in_columns("uint32 x", [big, big]) is not None
+    for odd in (
+        [little, big],
+        [b""],
+        [b"\0"],
+        [b"\0\7\0\0\1\0\0\0"],
+        [little, little[:-1]],
+        [little, little + bytes(4)],
+    ):
+        assert in_columns("uint32 x", odd) is None
