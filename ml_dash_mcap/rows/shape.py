@@ -141,7 +141,7 @@ def join(first: Shape, second: Shape, admit: Admit | None = None) -> Shape:
     """
     if first is second:
         return first
-    if not first.kinds and admit is None:
+    if not first.kinds and (admit is None or not _has_dicts(second)):
         return second
     kinds = first.kinds | second.kinds
     if first.items is None or second.items is None:
@@ -168,6 +168,10 @@ def join(first: Shape, second: Shape, admit: Admit | None = None) -> Shape:
     return Shape(kinds, items, shortest, longest, fields, optional, array, text)
 
 
+def _has_dicts(values: Shape) -> bool:
+    return bool(values.kinds & DICT) or (values.items is not None and _has_dicts(values.items))
+
+
 def _admitted(items: Shape | None, admit: Admit | None) -> Shape | None:
     return items if items is None or admit is None else join(NOTHING, items, admit)
 
@@ -181,6 +185,8 @@ def _joined_fields(first: Shape, second: Shape, admit: Admit | None) -> tuple[Ma
     fields: dict[str, Shape] | None = None  # a copy is made when the first field differs
     for name, theirs in second.fields.items():
         own = first.fields.get(name)
+        if own is theirs:  # nearly always: shapes of single values are the same objects
+            continue
         if own is None and admit is not None and not admit(name):
             continue
         both = join(NOTHING if own is None else own, theirs, admit)
@@ -268,12 +274,12 @@ def _of_values(values: Sequence[Any], is_coarse: bool, *, is_in_list: bool) -> S
         part = _SIMPLE.get(type_)
         if part is None:
             same = values if len(types) == 1 else [value for value in values if type(value) is type_]
-            part = _of_one_type(type_, same, is_coarse, is_in_list)
+            part = _of_one_type(type_, same, is_coarse, is_in_list=is_in_list)
         shape = part if shape is NOTHING else join(shape, part)
     return shape
 
 
-def _of_one_type(type_: type, values: Sequence[Any], is_coarse: bool, is_in_list: bool) -> Shape:
+def _of_one_type(type_: type, values: Sequence[Any], is_coarse: bool, *, is_in_list: bool) -> Shape:
     if type_ is int:
         return _COARSE_INTEGERS if is_coarse else of_integers(min(values), max(values))
     if type_ is str:
@@ -299,6 +305,11 @@ def _of_list_values(lists: Sequence[list[Any]], is_coarse: bool) -> Shape:
 
 
 def _of_dict_values(dicts: Sequence[dict[str, Any]], is_coarse: bool) -> Shape:
+    if len(dicts) == 1:  # the writer looks at rows one by one
+        fields = {}
+        for key, value in dicts[0].items():
+            fields[key] = _SIMPLE.get(type(value)) or _of_one_type(type(value), (value,), is_coarse, is_in_list=False)
+        return of_dicts(fields)
     keys, optional = dicts[0].keys(), frozenset[str]()
     columns: dict[str, Sequence[Any]]
     if all(one.keys() == keys for one in dicts):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pytest
 from hypothesis import given
@@ -76,6 +77,23 @@ def test_what_is_covered_already_changes_nothing(blocks: list[list[Any]]) -> Non
     covering = covering_shape(*blocks)
     for values in blocks:
         assert covering | shape_of(column(values)) is covering
+
+
+@pytest.mark.parametrize(
+    ("dtypes", "type_"),
+    [
+        (["f4", "f4"], pa.float32()),
+        (["f4", "f8"], pa.float64()),
+        (["f2", "f4"], pa.float64()),
+        (["i1", "u1"], pa.int64()),
+        (["u1", "f4"], pa.float64()),
+        (["u8", "u8"], pa.uint64()),
+        (["u8", "i4"], pa.int64()),
+    ],
+)
+def test_arrays_of_several_types_are_numbers_in_whichever_blocks_they_come(dtypes: list[str], type_: Any) -> None:
+    covering = covering_shape(*([np.ones(3, dtype)] for dtype in dtypes))
+    assert stored_type(covering) == pa.list_(type_, 3)
 
 
 @given(st.lists(VALUES, min_size=1, max_size=5))

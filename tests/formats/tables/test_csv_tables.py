@@ -14,6 +14,7 @@ import duckdb
 import numpy as np
 import pandas as pd
 import polars as pl
+import pyarrow as pa
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -22,6 +23,7 @@ from ml_dash_mcap import Recorder, Recording, convert
 from ml_dash_mcap.errors import ConversionWarning, ForeignFileError, OptionError, UsageError
 from ml_dash_mcap.formats import registry
 from ml_dash_mcap.formats.tables.csv import tokens
+from ml_dash_mcap.formats.tables.csv.types import CellTypes
 from tests.formats.tables.test_parquet import normal, rows
 from tests.support import shared
 from tests.support.examples import examples
@@ -382,6 +384,13 @@ def test_a_take_among_tables_is_named(tmp_path: Path) -> None:
 )
 def test_a_text_file_is_detected_by_its_first_line(tmp_path: Path, text: str, name: str, format: str | None) -> None:
     assert registry.detect(written(tmp_path, text, name)) == format
+
+
+def test_a_column_is_text_if_no_type_holds_its_integers_in_whichever_part_of_the_file_they_stand() -> None:
+    types = CellTypes()
+    for cells in (["-5", "1"], [str(2**63)]):
+        types.add(pa.array(cells), None, ".")
+    assert types.type(heeds_quotes=False, is_ours=False) == pa.string()
 
 
 def test_memory_is_bounded_by_what_is_read_at_a_time(tmp_path: Path) -> None:

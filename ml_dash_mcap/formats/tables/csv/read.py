@@ -103,7 +103,7 @@ class _File:
 
     def _learnt(self, time_column: str | None) -> list[pa.DataType | None]:
         """Return the type that holds each column's cells."""
-        columns = [csv_types.Column() for _ in self._names]
+        columns = [csv_types.CellTypes() for _ in self._names]
         times = [at for at, name in enumerate(self._names) if table_times.is_likely(name) or name == time_column]
         heeds_quotes = False
         for rows in self._tokens.read():

@@ -11,6 +11,21 @@ import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from ....rows import arrow_types
+from ....rows.shape import (
+    BOOLEAN,
+    FLOAT64,
+    FLOATS,
+    INEXACT,
+    LIST,
+    NOTHING,
+    NULL,
+    NUMBERS,
+    TEXT,
+    Shape,
+    of_integers,
+    scalar,
+)
 from ....rows.typed_columns import ENCODING_KEY, to_text
 
 _DIGITS = r"(0|[1-9][0-9]*)"
@@ -19,10 +34,11 @@ _NUMBER = rf"^[+\-]?(({_DIGITS}(\.[0-9]*)?|\.[0-9]+)([eE][+\-]?[0-9]+)?|(?i:inf|
 _BOOLEAN = r"^(?i:true|false)$"
 _NOTHING = r"^(NA|N/A|n/a|#N/A|<NA>|NULL|null|Null|None|none)$"
 """Words for a missing value, in columns that are no text otherwise."""
+_PATTERNS = {FLOAT64: _NUMBER, BOOLEAN: _BOOLEAN, NULL: _NOTHING}
 _COMMA_NUMBER = r"^[+\-]?[0-9]+,[0-9]+([eE][+\-]?[0-9]+)?$"
 _POINT_NUMBER = r"^[+\-]?[0-9]+\.[0-9]+([eE][+\-]?[0-9]+)?$"
 _LONG = 16
-"""Integers of fewer digits are exact as doubles."""
+"""Integers of fewer letters are exact as doubles; longer ones count as if they were not."""
 _FORMULA = r"^'('*[=+\-@\t\r])"
 _CONTAINER = r"(?s)^(\[.*\]|\{.*\})$"
 
@@ -30,74 +46,26 @@ _IS_INTEGER, _IS_NUMBER = re.compile(_INTEGER), re.compile(_NUMBER)
 
 
 @dataclass
-class Column:
-    """What a column's cells have been so far."""
+class CellTypes:
+    """What a column's cells have been so far; a word for a missing value is None, what looks like JSON also a list."""
 
-    integers: int = 0
-    numbers: int = 0
-    """Integers included."""
-    booleans: int = 0
-    words: int = 0
-    """Words for what is missing."""
-    texts: int = 0
-    """All else, and what was quoted though it looks like a number."""
-    is_long: bool = False
-    """Whether an integer had so many digits that a double may round it."""
-    low: int = 0
-    high: int = 0
-    """Of the integers."""
-    quoted: int = 0
-    """How many of the numbers, booleans and words were quoted."""
-    empty_texts: int = 0
-    """How many were quoted with nothing between."""
-    containers: int = 0
-    """How many looked like a list or a dict in JSON."""
+    bare: Shape = NOTHING
+    """Of the cells without quotes."""
+    quoted: Shape = NOTHING
+    has_empty_texts: bool = False
+    """Whether some were quoted with nothing between."""
 
     def add(self, cells: pa.Array, quoted: npt.NDArray[np.bool_] | None, decimal: str) -> None:
         """Look at some cells."""
         texts = _trimmed(cells, decimal)
-        is_there = pc.not_equal(texts, "")
-        if quoted is not None:
-            self.empty_texts += _count(pc.and_(pa.array(quoted), pc.invert(is_there)))
-        if quoted is None and self._are_numbers(texts):
+        if quoted is None:
+            self.bare |= _shape_of(texts)
             return
-        kinds = [pc.match_substring_regex(texts, pattern) for pattern in (_INTEGER, _NUMBER, _BOOLEAN, _NOTHING)]
-        counts = [_count(kind) for kind in kinds]
-        self.integers += counts[0]
-        self.numbers += counts[1]
-        self.booleans += counts[2]
-        self.words += counts[3]
-        texts_here = _count(is_there) - sum(counts[1:])
-        if texts_here:
-            self.texts += texts_here
-            self.containers += _count(pc.match_substring_regex(texts, _CONTAINER))
-        if quoted is not None:
-            self.quoted += sum(_count(pc.and_(kind, pa.array(quoted))) for kind in kinds[1:])
-        if counts[0]:
-            self._measure(texts.filter(kinds[0]))
-
-    def _are_numbers(self, texts: pa.Array) -> bool:
-        """Take cells that are all numbers, which is told faster than what else they may be."""
-        try:
-            texts.cast(pa.float64())
-        except pa.ArrowInvalid:
-            return False
-        if _count(pc.match_substring_regex(texts, r"^[+\-]?0[0-9]")):
-            return False
-        are_integers = pc.match_substring_regex(texts, r"^[+\-]?[0-9]+$")
-        found = _count(are_integers)
-        self.integers += found
-        self.numbers += len(texts)
-        if found:
-            self._measure(texts.filter(are_integers))
-        return True
-
-    def _measure(self, integers: pa.Array) -> None:
-        if (pc.max(pc.utf8_length(integers)).as_py() or 0) < _LONG:
-            return
-        values = list(map(int, integers.to_pylist()))
-        self.low, self.high = min(self.low, *values), max(self.high, *values)
-        self.is_long = True
+        flags = pa.array(quoted)
+        inside = texts.filter(flags)
+        self.bare |= _shape_of(texts.filter(pc.invert(flags)))
+        self.quoted |= _shape_of(inside)
+        self.has_empty_texts |= _any(pc.equal(inside, ""))
 
     def type(self, *, heeds_quotes: bool, is_ours: bool) -> pa.DataType | None:
         """Return the type that holds all cells; None where each has one of its own.
@@ -106,20 +74,64 @@ class Column:
             heeds_quotes: Whether what is quoted is text, because not everything in the file is.
             is_ours: Whether this library wrote the file, which spells each value by its own type.
         """
-        quoted = self.quoted if heeds_quotes else 0
-        texts = self.texts + quoted + (self.empty_texts if heeds_quotes else 0)
-        others = self.numbers + self.booleans + self.words - quoted
-        if is_ours and (self.containers or (texts and others) or (self.numbers and self.booleans)):
+        kinds = self.bare.kinds | self.quoted.kinds
+        has_texts = bool(kinds & TEXT)
+        others = (self.bare.kinds if heeds_quotes else kinds) & (NUMBERS | BOOLEAN | NULL)
+        if heeds_quotes:
+            has_texts = has_texts or bool(self.quoted.kinds) or self.has_empty_texts
+        if is_ours and (kinds & LIST or (has_texts and others) or (kinds & NUMBERS and kinds & BOOLEAN)):
             return None
-        if texts or not (self.numbers or self.booleans):
-            return pa.string() if texts or self.words else pa.null()
-        if self.booleans:
-            return pa.string() if self.numbers else pa.bool_()
-        if self.integers < self.numbers:
-            return None if self.is_long else pa.float64()
-        if self.low >= -(2**63) and self.high < 2**63:
-            return pa.int64()
-        return pa.uint64() if self.low >= 0 and self.high < 2**64 else pa.string()
+        if has_texts or not kinds & (NUMBERS | BOOLEAN):
+            return pa.string() if has_texts or kinds & NULL else pa.null()
+        if kinds & BOOLEAN:
+            return pa.string() if kinds & NUMBERS else pa.bool_()
+        type_ = arrow_types.type_of(self.bare | self.quoted)
+        is_too_large = type_ is None and not kinds & FLOATS  # for 64 bits
+        return pa.string() if is_too_large else type_
+
+
+def _shape_of(texts: pa.Array) -> Shape:
+    """Return the shape of the values that cells without blanks around them stand for; an empty one stands for none."""
+    if not len(texts):
+        return NOTHING
+    if _are_numbers(texts):
+        are_integers = pc.match_substring_regex(texts, r"^[+\-]?[0-9]+$")
+        return _shape_of_numbers(texts, are_integers, len(texts))
+    are_integers, *masks = (pc.match_substring_regex(texts, pattern) for pattern in (_INTEGER, *_PATTERNS.values()))
+    counts = dict(zip(_PATTERNS, map(_count, masks), strict=True))
+    shape = _shape_of_numbers(texts, are_integers, counts[FLOAT64])
+    for kind in (BOOLEAN, NULL):
+        shape |= scalar(kind if counts[kind] else 0)
+    if _count(pc.not_equal(texts, "")) > sum(counts.values()):
+        shape |= scalar(TEXT | LIST if _any(pc.match_substring_regex(texts, _CONTAINER)) else TEXT)
+    return shape
+
+
+def _are_numbers(texts: pa.Array) -> bool:
+    """Whether cells are all numbers, which is told faster than what else they may be."""
+    try:
+        texts.cast(pa.float64())
+    except pa.ArrowInvalid:
+        return False
+    return not _any(pc.match_substring_regex(texts, r"^[+\-]?0[0-9]"))
+
+
+def _shape_of_numbers(texts: pa.Array, are_integers: pa.Array, count: int) -> Shape:
+    """Return the shape of the numbers among cells.
+
+    Args:
+        texts: The cells.
+        are_integers: Which of them are integers, [N].
+        count: How many are numbers, integers included.
+    """
+    integers = texts.filter(are_integers)
+    fractions = scalar(FLOAT64) if count > len(integers) else NOTHING
+    if not len(integers):
+        return fractions
+    if (pc.max(pc.utf8_length(integers)).as_py() or 0) >= _LONG:
+        values = list(map(int, integers.to_pylist()))
+        return fractions | of_integers(min(values), max(values)) | scalar(INEXACT)
+    return fractions | of_integers(-1 if _any(pc.starts_with(integers, "-")) else 0, 0)
 
 
 def converted(
@@ -133,7 +145,7 @@ def converted(
     """Return cells as values: JSON text where each has a type of its own."""
     if type_ is None:
         flags = [False] * len(cells) if quoted is None else quoted.tolist()
-        texts = [_json(one, flag, decimal, is_ours) for one, flag in zip(cells.to_pylist(), flags, strict=True)]
+        texts = [_json(cell, flag, decimal, is_ours) for cell, flag in zip(cells.to_pylist(), flags, strict=True)]
         return pa.array(texts, pa.string())
     if pa.types.is_null(type_):
         return pa.nulls(len(cells))
@@ -175,6 +187,10 @@ def _trimmed(cells: pa.Array, decimal: str) -> pa.Array:
 
 def _count(mask: pa.Array) -> int:
     return int(pc.sum(mask).as_py() or 0)
+
+
+def _any(mask: pa.Array) -> bool:
+    return bool(pc.any(mask).as_py())
 
 
 def _json(text: str, is_quoted: bool, decimal: str, is_ours: bool) -> str | None:
