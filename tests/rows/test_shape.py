@@ -126,7 +126,7 @@ def test_what_there_is_no_room_for_is_left_out_and_the_rest_is_the_same(rows: li
         ([{}], shape.DICT | shape.EMPTY_DICT),
         ([{"a": 1}], shape.DICT),
         ([np.zeros(3)], shape.ARRAY),
-        ([object()], shape.OPAQUE),
+        ([1j], shape.OPAQUE),
     ],
     ids=repr,
 )
