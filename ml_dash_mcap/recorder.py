@@ -33,7 +33,7 @@ from .meaning.annotations import NOTHING_SAID, collect
 from .options import RecorderOptions, arguments_of, check_options, misplaced
 from .recovery import recover_folder
 from .timestamps import stamper
-from .topic import Intake, Topic, check_topic
+from .topic import Topic, TopicContext, check_topic
 from .version import LIBRARY
 
 _log = logging.getLogger("ml_dash_mcap")
@@ -92,7 +92,7 @@ class Recorder:
         self._journal = Journal(JournalFiles(self.path, self.session, self.options, about), self.options)
         stamping.journal = self._journal
         self._registry = TopicRegistry(self._journal)
-        self._intake = Intake(self, self._journal, stamping)
+        self._context = TopicContext(self, self._journal, stamping)
         try:
             self._start(SessionInfo(self.path, about), sinks)
         except BaseException:
@@ -278,7 +278,7 @@ def open_topic(recorder: Recorder, name: str, kind: str, cls: type[T], about: To
         TopicError: The topic is open with another class.
         StateError: The recorder is closed.
     """
-    topic = recorder._registry.open(name, kind, lambda info: cls(recorder._intake, info), about)
+    topic = recorder._registry.open(name, kind, lambda info: cls(recorder._context, info), about)
     if not isinstance(topic, cls):
         raise TopicError(f"topic {name!r} is open as a {type(topic).__name__} already")
     return topic

@@ -45,7 +45,7 @@ class TopicOwner(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Intake:
+class TopicContext:
     """What the topics of one recorder share."""
 
     recorder: TopicOwner
@@ -61,18 +61,18 @@ class Topic:
     Any thread may call any method. Made by `Recorder.topic`.
     """
 
-    __slots__ = ("__weakref__", "_head", "_intake", "_journal", "_probe", "name")
+    __slots__ = ("__weakref__", "_context", "_head", "_journal", "_probe", "name")
 
-    def __init__(self, intake: Intake, channel: ChannelInfo) -> None:
+    def __init__(self, context: TopicContext, channel: ChannelInfo) -> None:
         self.name = channel.topic
-        self._intake = intake
-        self._journal = intake.journal
+        self._context = context
+        self._journal = context.journal
         self._head = struct.pack("<HI", channel.number, 0)
         self._probe = b"n"[0]
 
     def __repr__(self) -> str:
-        state = "closed" if self._intake.recorder.closed else "recording"
-        return f"<{type(self).__name__} {self.name!r} in {str(self._intake.recorder.path)!r}, {state}>"
+        state = "closed" if self._context.recorder.closed else "recording"
+        return f"<{type(self).__name__} {self.name!r} in {str(self._context.recorder.path)!r}, {state}>"
 
     def append(
         self: T, /, *positional: Any, _ts: Any = MISSING, timestamp: Any = MISSING, _exact: Any = MISSING, **fields: Any
@@ -195,7 +195,7 @@ class Topic:
             StateError: The recorder is closed.
             StorageError: It cannot be written.
         """
-        self._intake.recorder.flush()
+        self._context.recorder.flush()
         return self
 
     def _put(self, tail: bytes, time_s: float) -> bool:
@@ -235,7 +235,7 @@ class Topic:
 
     def _time(self, given: Any, last_s: float | None = None) -> float:
         """Return the time stamp of a row, in seconds, by the recorder's rule for missing and inherited ones."""
-        return self._intake.stamper.resolve(given, self.name, last_s)
+        return self._context.stamper.resolve(given, self.name, last_s)
 
     def _accept(
         self, positional: tuple[Any, ...], timestamp: Any, exact_key: Any, fields: dict[str, Any]
@@ -290,8 +290,8 @@ class EventTopic(Topic):
 
     __slots__ = ("_wall_head",)
 
-    def __init__(self, intake: Intake, channel: ChannelInfo) -> None:
-        super().__init__(intake, channel)
+    def __init__(self, context: TopicContext, channel: ChannelInfo) -> None:
+        super().__init__(context, channel)
         self._wall_head = struct.pack("<HI", channel.number, WALL_STAMPED)
 
     @property
@@ -301,7 +301,7 @@ class EventTopic(Topic):
 
     def now(self) -> float:
         """Return the recording's time now, in seconds."""
-        return self._intake.recorder.time()
+        return self._context.recorder.time()
 
     def time_of(self, given: Any) -> float:
         """Return a time that a user gave, in seconds.

@@ -11,7 +11,7 @@ from ..capture.channels import ChannelInfo
 from ..errors import RangeError
 from ..formats.writers import render
 from ..rows.result_dicts import BytesFormat, Page, Take, TimePage
-from ..topic import Intake, Topic
+from ..topic import Topic, TopicContext
 from ..topic_reader import Columns, Json, Seconds
 from . import pages
 from .tracks import BoundTopic
@@ -49,8 +49,8 @@ class SessionTrack(BoundTopic):
 
     __slots__ = ("_flushed", "_taken")
 
-    def __init__(self, intake: Intake, channel: ChannelInfo) -> None:
-        super().__init__(intake, channel)
+    def __init__(self, context: TopicContext, channel: ChannelInfo) -> None:
+        super().__init__(context, channel)
         self._taken = self._flushed = 0
 
     def append(self: SelfT, /, *positional: Any, **fields: Any) -> SelfT:
