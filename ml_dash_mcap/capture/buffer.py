@@ -1,8 +1,8 @@
 """One buffer of the journal: rows in shared memory, laid out as an MCAP file without an end.
 
-It holds magic, header, a metadata record that says whose it is, schemas, channels, and then messages. A record becomes
-valid with its first byte, which is written last; the byte after the last record is 0, which no MCAP record begins
-with, so neither a half-written record nor one of an earlier use is ever read.
+It holds magic, header, a metadata record with the session and the number of the block, schemas, channels, and then
+messages. A record becomes valid with its first byte, which is written last. The byte after the last record is 0, with
+which no MCAP record begins. So neither a half-written record nor a record of an earlier use is ever read.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ class Buffer:
         """Reserve a buffer.
 
         Args:
-            path: Its file, which must not be there yet; None makes one that takes nothing.
+            path: Its file, which must not be there yet; None makes a buffer that takes nothing.
             size: In bytes.
-            is_large: Whether it is made for one row, and goes with it.
+            is_large: Whether it is made for a single row, and discarded with it.
 
         Raises:
             OSError: There is no room for it.
@@ -52,7 +52,7 @@ class Buffer:
         self.limit = size - 1 if path is not None else -1
         """The last offset that a record may end at; the byte there stays 0. Below 0: nothing is taken."""
         self.is_sealed = False
-        """Whether a large one is the writer's already."""
+        """Whether a large buffer has been handed to the writer."""
         self.end = 0
         """Where the next record goes."""
         self.prologue = 0
@@ -64,7 +64,7 @@ class Buffer:
         self.has_extras = False
         """Whether one of them is a Metadata record."""
         self.uniform: list[tuple[int, int]] = []
-        """Runs of `starts`, by first index and the one after the last, whose rows are known to be of one form."""
+        """Runs of `starts`, by the first index and the index after the last, whose rows are all of one form."""
         self.map = mmap.mmap(-1, mmap.PAGESIZE) if path is None else _reserve(path, size)
 
     def begin(self, prologue: bytes) -> None:
@@ -108,7 +108,7 @@ class Buffer:
         """Delete its file and give its memory back."""
         if self.path is not None:
             self.path.unlink(missing_ok=True)
-        with contextlib.suppress(BufferError):  # a view is still about; the memory goes with it
+        with contextlib.suppress(BufferError):  # a view of it is in use; the memory goes with the view
             self.map.close()
 
 

@@ -34,7 +34,7 @@ class BufferRing:
         self.session = session
         self.lock = threading.RLock()
         """Guards `active`, what is put into it, and the counters. Held for microseconds, never over I/O; the writer
-        thread never waits for it."""
+        thread waits for it for milliseconds at most."""
         self.turns = Turns()
         self.writer_ident: int | None = None
         """Which thread recycles the buffers, and so must not wait for a free buffer."""
@@ -45,8 +45,8 @@ class BufferRing:
         self._sealed: queue.SimpleQueue[tuple[Buffer, ...] | int] = queue.SimpleQueue()
         self._free: collections.deque[Buffer] = collections.deque(session.buffers[1:])
         self._rotating = False
-        """Whether a rotation is under way. Who holds the lock and finds it set has interrupted that rotation, and must
-        not wait for what it will bring about."""
+        """Whether a rotation is under way. Code that holds the lock and sees this has interrupted the rotation, and
+        must not wait for its result."""
         self._shut: str | None = None
         self._nothing = Buffer(None, 0)
         self.active = session.buffers[0]
@@ -86,12 +86,12 @@ class BufferRing:
         """Hand the active buffer over and begin a free one, if there is one. Called with the lock held.
 
         Args:
-            full: The active buffer, as the caller saw it. If it is that no more, somebody else has done this.
+            full: The active buffer, as the caller saw it. If another buffer is active, somebody else has rotated.
             own: A buffer to hand over right behind it, for a row of its own.
             record: That row's Message record.
 
         Returns:
-            Whether it is worth while to look at the active buffer again; with `own`, whether that is handed over.
+            Whether the caller should look at the active buffer again; with `own`, whether `own` is handed over.
         """
         free, is_nested, is_used = self._free, self._rotating, False
         if not free:
@@ -141,7 +141,7 @@ class BufferRing:
     # -- the writer thread ---------------------------------------------------------------------------------------------
 
     def take(self, timeout_s: float) -> tuple[Buffer, ...] | int | None:
-        """Return the next sealed buffers or mark, or None after a while without one."""
+        """Return the next sealed buffers or mark; None if there is neither within the timeout, in seconds."""
         if self._sealed.empty():
             self.turns.is_hurried = False
         self.turns.writer = State.RESTING

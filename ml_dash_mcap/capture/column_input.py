@@ -73,16 +73,16 @@ def _times(times_s: Any, topic: str) -> npt.NDArray[np.float64]:
     if times_s is MISSING:
         raise TimestampError(f"append_columns() on topic {topic!r} needs _ts=, the rows' times, [N], in seconds")
     try:
-        given = np.asarray(times_s)
+        values = np.asarray(times_s)
     except ValueError as error:  # ragged
         raise TimestampError(f"append_columns() on topic {topic!r}: _ts must be numbers, [N], in seconds") from error
-    if given.ndim != 1:
-        raise TimestampError(f"append_columns() on topic {topic!r}: _ts has the shape {given.shape}; it must be [N]")
-    if given.dtype.kind not in "fiu" and len(given):
+    if values.ndim != 1:
+        raise TimestampError(f"append_columns() on topic {topic!r}: _ts has the shape {values.shape}; it must be [N]")
+    if values.dtype.kind not in "fiu" and len(values):
         raise TimestampError(
-            f"append_columns() on topic {topic!r}: _ts must be numbers, [N], in seconds; these are {_kind(given)}"
+            f"append_columns() on topic {topic!r}: _ts must be numbers, [N], in seconds; these are {_kind(values)}"
         )
-    times = given.astype(np.float64)
+    times = values.astype(np.float64)
     good = (times >= 0) & (times < clock.END_S)
     if not good.all():
         row = int(np.flatnonzero(~good)[0])

@@ -1,6 +1,6 @@
 """The journal: where rows wait until they are in the file, safe from a crash of their process.
 
-What `buffer_ring` says of calls and signal handlers holds here, too: "no call between".
+The rule of `buffer_ring` about calls and signal handlers holds here, too: "no call between".
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Journal(BufferRing):
 
         Args:
             record: The whole record, opcode included.
-            topic: Whose row it is.
+            topic: The topic of the row, for messages and counts.
             last_s: Its time stamp, in seconds, if it is a track's.
 
         Returns:
@@ -113,16 +113,16 @@ class Journal(BufferRing):
 
         Args:
             block: The records.
-            starts: Where in it each one starts, [N].
-            topic: Whose rows they are.
-            last_s: The last one's time stamp, in seconds.
-            is_uniform: Whether the rows are known to be of one form.
+            starts: Where in it each record starts, [N].
+            topic: The topic of the rows, for messages and counts.
+            last_s: The time stamp of the last row, in seconds.
+            is_uniform: Whether all rows are of one form.
 
         Returns:
             How many were taken; fewer only with `on_full="drop"`.
 
         Raises:
-            As `add`; the rows before the one that found no room are taken.
+            As `add`; the rows before the row that found no room are taken.
         """
         ends = np.append(starts[1:], len(block))
         done = refused = 0
@@ -181,7 +181,7 @@ class Journal(BufferRing):
         self.room.until(lambda: self._put_gap(definition, is_extra=False), "the journal", None)
 
     def add_metadata(self, record: bytes) -> None:
-        """Put a Metadata record; it waits for room, whatever `on_full` says.
+        """Put a Metadata record; it waits for room with every value of `on_full`.
 
         Raises:
             FieldError: It is larger than a chunk.
@@ -194,7 +194,7 @@ class Journal(BufferRing):
         return len(self.registry) + size + _ROOM_BESIDES > self.options.chunk_bytes
 
     def _add_large(self, record: bytes, topic: str, last_s: float | None) -> bool:
-        """Give a row that is larger than a buffer one of its own, sealed at once."""
+        """Give a row that is larger than a buffer a buffer of its own, which is sealed at once."""
         size = len(record) + len(self.registry) + 2 * _ROOM_BESIDES
         if size > self.options.backlog_bytes:
             raise FieldError(
@@ -207,8 +207,8 @@ class Journal(BufferRing):
         try:
             own = self.session.make_large(size)
         except OSError as error:
-            what = f"append() on topic {topic!r}: no room for a row of {size} bytes: {error.strerror}"
-            raise StorageError(error.errno, what) from error
+            message = f"append() on topic {topic!r}: no room for a row of {size} bytes: {error.strerror}"
+            raise StorageError(error.errno, message) from error
         self._large_taken += size
         try:
             taken = self.room.until(lambda: self.rotate(self.active, own, record), topic, 1)

@@ -20,15 +20,15 @@ _SHARED_MEMORY = Path("/dev/shm")
 
 
 class JournalFiles:
-    """Made when a recorder opens a run's folder; a crash leaves it behind, for a recovery to find the rows by."""
+    """Made when a recorder opens a run's folder. A crash leaves them behind, and a recovery reads the rows in them."""
 
     def __init__(self, folder: Path, name: str, options: RecorderOptions, about: Mapping[str, str]) -> None:
         """Lock the session and reserve its buffers.
 
         Args:
             folder: The run's folder.
-            name: Of the session.
-            options: The recorder's.
+            name: The session's name.
+            options: The options of the recorder.
             about: The constant part of the `ml_dash` metadata record, for a recovery to repeat.
 
         Raises:
@@ -42,8 +42,7 @@ class JournalFiles:
         try:
             self._lock = SessionLock.create(folder / SESSION_FILE.format(session=name))
         except OSError as error:
-            what = f"cannot write to the recording's folder: {error.strerror}"
-            raise StorageError(error.errno, what, str(folder)) from error
+            raise _cannot_write(folder, error) from error
         self.buffers: list[Buffer] = []
         try:
             self._reserve()
@@ -53,8 +52,7 @@ class JournalFiles:
             self.remove()
             if isinstance(error, StorageError):
                 raise
-            what = f"cannot write to the recording's folder: {error.strerror}"
-            raise StorageError(error.errno, what, str(folder)) from error
+            raise _cannot_write(folder, error) from error
         except BaseException:
             self.remove()
             raise
@@ -111,6 +109,10 @@ class JournalFiles:
         self._lock.release()
 
 
+def _cannot_write(folder: Path, error: OSError) -> StorageError:
+    return StorageError(error.errno, f"cannot write to the recording's folder: {error.strerror}", str(folder))
+
+
 def _check_room(place: Path, size: int) -> None:
     """Look before reserving: buffers that nothing can hold would take all memory before the last one fails.
 
@@ -130,7 +132,7 @@ def _check_room(place: Path, size: int) -> None:
 
 
 def _available_memory() -> float:
-    """Return how much memory programs can still have, in bytes; infinite where the system does not say."""
+    """Return how much memory programs can still have, in bytes; infinite where the system does not tell."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:

@@ -19,7 +19,7 @@ from .fallbacks import Fallbacks
 from .merge_block import merge_each, merge_same_time
 from .prepared_block import PreparedBlock
 from .row_forms import Forms, RowForms, by_channel
-from .time_steps import Steps
+from .time_steps import TimeSteps
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class BlockPreparer:
         progress = progress or SessionProgress()
         self.fallbacks = Fallbacks(folder)
         """Counts what fails for many rows at once and is done row by row."""
-        self.steps = Steps(progress.last_ns)
+        self.steps = TimeSteps(progress.last_ns)
         """What time stepping back did to each topic."""
         self._channels = channels
         self._forms = RowForms(channels, self.fallbacks)

@@ -24,7 +24,7 @@ class Room:
         self._options = options
 
     def until(self, put: Callable[[], bool], topic: str, rows: int | None) -> bool:
-        """Try to put something, and do what `on_full` says while there is no room.
+        """Try to put a record, and follow the option `on_full` while there is no room.
 
         Args:
             put: Called with the lock held; returns whether there was room.
@@ -46,18 +46,18 @@ class Room:
             if is_refused:
                 return self._refuse(topic, failure)
             self._ring.turns.hurry()
-            time.sleep(_POLL_S)  # what else can be waited on has a lock that a signal handler would wait for, too
+            time.sleep(_POLL_S)  # events and conditions have a lock, for which a signal handler would wait for ever
 
     def _may_refuse(self, failure: BaseException | None) -> bool:
         return self._options.on_full != "block" or failure is not None
 
     def _refuse(self, topic: str, failure: BaseException | None) -> bool:
-        what = f"append() on topic {topic!r}: the backlog of {self._options.backlog_bytes} bytes is full"
+        message = f"append() on topic {topic!r}: the backlog of {self._options.backlog_bytes} bytes is full"
         if self._options.on_full == "drop":
             return False
         if failure is not None and self._options.on_full == "block":
-            raise StorageError(f"{what} and the recording cannot be written ({failure}); not taken") from failure
-        raise BacklogFullError(f"{what}; not taken")
+            raise StorageError(f"{message} and the recording cannot be written ({failure}); not taken") from failure
+        raise BacklogFullError(f"{message}; not taken")
 
     def give_way(self) -> None:
         """Let the writer have the interpreter for a moment."""

@@ -1,4 +1,4 @@
-"""How the segments of one session are called: `<stamp>_<number>.mcap`, so that names sort in the order of writing."""
+"""The names of the segments of one session: `<stamp>_<number>.mcap`, so that names sort in the order of writing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from ..file_names import ACTIVE_SUFFIX, SEGMENT_SUFFIX
 
 STAMP = "stamp"
-"""The key, in what a session file says of its session, of the first part of its segments' names."""
+"""The key under which a session file has the first part of the names of its session's segments."""
 
 
 def segment_path(folder: Path, stamp: str, number: int) -> Path:

@@ -17,7 +17,7 @@ class SessionInfo:
     folder: Path
     """The run's folder."""
     about: Mapping[str, str]
-    """What the `ml_dash` metadata record of each segment says: `prefix`, `run`, `run_start`, `host`, `library`."""
+    """What the `ml_dash` metadata record of each segment holds: `prefix`, `run`, `run_start`, `host`, `library`."""
 
 
 class Sink(Protocol):

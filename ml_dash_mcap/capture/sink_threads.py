@@ -20,14 +20,14 @@ _log = logging.getLogger("ml_dash_mcap")
 
 
 class SinkThread:
-    """Hands blocks to one sink. `offer` is for the writer thread, `stats` and `finish` for any."""
+    """Hands blocks to one sink. The writer thread calls `has_room`, `offer` and `miss`; any thread calls the rest."""
 
     def __init__(self, sink: Sink, session: SessionInfo, most_bytes: int) -> None:
         """Prepare; `start` opens the sink.
 
         Args:
             sink: What takes the blocks.
-            session: What it is told when it is opened.
+            session: Passed to the sink when it is opened.
             most_bytes: How much may wait for it, in bytes; a single block may have more.
         """
         self.name = type(sink).__name__
@@ -141,7 +141,7 @@ class SinkThreads:
 
         Args:
             sinks: What takes the blocks.
-            session: What they are told.
+            session: Passed to each when it is opened.
             most_bytes: How much may wait for each of them, in bytes.
 
         Raises:
@@ -193,6 +193,6 @@ def _checked(sinks: Iterable[Sink]) -> list[Sink]:
     for sink in listed:
         missing = [name for name in ("open", "write", "close") if not callable(getattr(sink, name, None))]
         if missing or isinstance(sink, type):
-            what = f"has no method {missing[0]}()" if missing else "is a class; pass an object"
-            raise UsageError(f"sinks={listed!r}: {sink!r} {what}")
+            fault = f"has no method {missing[0]}()" if missing else "is a class; pass an object"
+            raise UsageError(f"sinks={listed!r}: {sink!r} {fault}")
     return listed

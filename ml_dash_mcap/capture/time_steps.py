@@ -25,32 +25,32 @@ Passes = npt.NDArray[np.int64]
 
 
 @dataclass(slots=True)
-class Counts:
-    """Of one topic."""
+class StepCounts:
+    """The steps back of one topic."""
 
     steps: int = 0
     """Steps back."""
     by_ns: int = 0
-    """The largest one."""
+    """The largest step back, ns."""
     merged: int = 0
-    """Rows that were merged with one of the same time from before a step back."""
+    """Rows that were merged with a row of the same time from before a step back."""
     overwritten: int = 0
-    """Those of them that brought a field which the earlier row had too."""
+    """Those of the merged rows that brought a field which the earlier row had too."""
 
-    def take(self, other: Counts) -> None:
-        """Add others."""
+    def take(self, other: StepCounts) -> None:
+        """Add the counts of a block."""
         self.steps += other.steps
         self.by_ns = max(self.by_ns, other.by_ns)
         self.merged += other.merged
         self.overwritten += other.overwritten
 
 
-class Steps:
+class TimeSteps:
     """Watches the times of one recorder's tracks, block by block, before rows merge. For the writer thread.
 
-    Merging hides what happened: of three episodes from t = 0 one is left, with the last one's values. So each block
-    in which time steps back has a metadata record in the file, before its chunks. A block's record says nothing of
-    others, so one that is written again, by a recovery, is known by its number.
+    Merging hides what happened: of three episodes that begin at t = 0 a single one is left, with the values of the
+    last. So each block in which time steps back has a metadata record in the file, before its chunks. The record is
+    about its block alone. If a recovery writes the block again, its number tells that it is the same.
     """
 
     def __init__(self, last_ns: Mapping[int, int] | None = None) -> None:
@@ -59,10 +59,10 @@ class Steps:
         Args:
             last_ns: The last time appended to each channel, in ns, where a recovery goes on.
         """
-        self.totals: dict[int, Counts] = {}
+        self.totals: dict[int, StepCounts] = {}
         """By channel id; read by other threads."""
         self._last_ns = dict(last_ns or {})
-        self._block: dict[int, Counts] = {}
+        self._block: dict[int, StepCounts] = {}
         self._passes: Passes | None = None
 
     def look(self, rows: Rows, tracks: npt.NDArray[np.bool_]) -> None:
@@ -78,26 +78,26 @@ class Steps:
         channels, times = rows.channels[order], rows.times[order]
         firsts = np.flatnonzero(np.diff(channels, prepend=-1))
         lasts = np.append(firsts[1:], len(times)) - 1
-        before = np.concatenate((times[:1], times[:-1]))
-        known = zip(channels[firsts].tolist(), times[firsts].tolist(), strict=True)
-        before[firsts] = [self._last_ns.get(number, time_ns) for number, time_ns in known]
+        previous = np.concatenate((times[:1], times[:-1]))
+        first_times = zip(channels[firsts].tolist(), times[firsts].tolist(), strict=True)
+        previous[firsts] = [self._last_ns.get(number, time_ns) for number, time_ns in first_times]
         self._last_ns.update(zip(channels[lasts].tolist(), times[lasts].tolist(), strict=True))
-        by_ns = before - times
+        by_ns = previous - times
         is_step = (by_ns > _TOLERANCE_NS) & tracks[channels]
         if not is_step.any():
             return
         self._passes = np.empty(len(rows), np.int64)
         self._passes[order] = np.cumsum(is_step)
         for number in np.unique(channels[is_step]).tolist():
-            mine = by_ns[is_step & (channels == number)]
-            self._block[number] = Counts(len(mine), int(mine.max()))
+            steps_ns = by_ns[is_step & (channels == number)]
+            self._block[number] = StepCounts(len(steps_ns), int(steps_ns.max()))
 
     def note_merged(self, channel: int, same: list[int], is_disjoint: bool) -> None:
-        """Take in that rows of one time and channel become one.
+        """Note that rows of one time and channel become one row.
 
         Args:
-            channel: Whose.
-            same: Their numbers in the block.
+            channel: The channel id.
+            same: The numbers of the rows in the block.
             is_disjoint: Whether no two of them have a field in common.
         """
         if self._passes is None or channel not in self._block:
@@ -106,19 +106,19 @@ class Steps:
         self._block[channel].merged += rows
         self._block[channel].overwritten += 0 if is_disjoint else rows
 
-    def record(self, number: int, topics: Mapping[int, str], kept: Rows, next_sequence: Mapping[int, int]) -> bytes:
-        """Return the block's metadata record; empty where there is nothing to say.
+    def record(self, number: int, topics: Mapping[int, str], merged: Rows, next_sequence: Mapping[int, int]) -> bytes:
+        """Return the block's metadata record; empty where no time stepped back in it.
 
         Args:
-            number: Of the block.
+            number: The number of the block.
             topics: Names by channel id.
-            kept: Its rows after merging.
+            merged: The rows of the block after merging.
             next_sequence: By channel id, how many rows the topic has in files with this block.
         """
-        said: dict[str, dict[str, int]] = {}
-        for channel in self._hidden(kept):
-            counts = self._block.get(channel, Counts())
-            said[topics[channel]] = {
+        by_topic: dict[str, dict[str, int]] = {}
+        for channel in self._hidden(merged):
+            counts = self._block.get(channel, StepCounts())
+            by_topic[topics[channel]] = {
                 "steps_back": counts.steps,
                 "by_ns": counts.by_ns,
                 "merged": counts.merged,
@@ -126,14 +126,14 @@ class Steps:
                 "last_ns": self._last_ns[channel],
                 "rows": next_sequence[channel],
             }
-        return (
-            METADATA.pack(Metadata(STEPS_RECORD, {"block": str(number), "topics": json.dumps(said)})) if said else b""
-        )
+        if not by_topic:
+            return b""
+        return METADATA.pack(Metadata(STEPS_RECORD, {"block": str(number), "topics": json.dumps(by_topic)}))
 
-    def _hidden(self, kept: Rows) -> Iterable[int]:
-        """Return the channels with a step back, and those whose last row in the file is not the last one appended."""
-        numbers, at = np.unique(kept.channels[::-1], return_index=True)
-        last_ns = kept.times[::-1][at]
+    def _hidden(self, merged: Rows) -> Iterable[int]:
+        """Return the channels with a step back, and those whose last row in the file is not the last row appended."""
+        numbers, at = np.unique(merged.channels[::-1], return_index=True)
+        last_ns = merged.times[::-1][at]
         for channel, time_ns in zip(numbers.tolist(), last_ns.tolist(), strict=True):
             if channel in self._block or self._last_ns.get(channel, time_ns) != time_ns:
                 yield channel
@@ -141,5 +141,5 @@ class Steps:
     def commit(self) -> None:
         """Take the block's counts into the totals."""
         for channel, counts in self._block.items():
-            self.totals.setdefault(channel, Counts()).take(counts)
+            self.totals.setdefault(channel, StepCounts()).take(counts)
         self._block = {}

@@ -87,7 +87,7 @@ class TopicRegistry:
                     raise TopicError(f"topic {name!r}: a recording holds {_MAX_TOPICS} topics, and has them")
                 self.channels[info.number] = info
                 self._journal.register(info.schema_record(None) + info.channel_record())
-                # a signal handler may have opened it meanwhile; then that one counts, and this number has no rows
+                # a signal handler may have opened the topic meanwhile; then this number has no rows
                 topic = self._topics.setdefault(key, make(info))
         if texts and not is_new:
             write_metadata(self._journal, TOPIC_RECORD, {"topic": name, **texts})

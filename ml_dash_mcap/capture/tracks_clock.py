@@ -9,15 +9,16 @@ NOW_S = 5.0
 """Time stamps this close to the wall clock are taken for it, in seconds. GPS time is 18 s ahead of it, TAI 37 s."""
 
 _STAYS_S = 10.0
-"""For so long after a row of now the tracks count as on the wall clock, whatever rows come meanwhile, in seconds: one
-that is delivered late, or one of a topic on another clock, changes nothing that a reader could mend."""
+"""After a row whose time is now, the tracks count as on the wall clock for so long, in seconds. Rows that are delivered
+late, and rows of a topic on another clock, do not change that."""
 
 
 class TracksClock:
     """Compares the latest time stamp of a track with the wall clock, each time somebody looks.
 
-    A time stamp that was not there at the last look was given since then. So it is one of now if it lies between that
-    look and this one, to within `NOW_S`; without a new one the answer stays, for a robot may stand still for hours.
+    A time stamp that was not there at the last look was given since then. So it is a time of now if it lies between
+    that look and this look, to within `NOW_S`. Without a new time stamp the answer stays, for a robot may stand still
+    for hours.
 
     Any thread may call `look` and `time`. `append` does not, so nothing is measured on its way; the writer thread looks
     at each of its ticks.

@@ -1,9 +1,9 @@
 """Who runs Python while a thread appends at full speed: that thread, or the writer.
 
-A thread that appends without a pause holds the interpreter lock all the time. The writer has to ask for it and gets it
-after the switch interval, 5 ms, each time it needs it, and each time the appender stands still for a moment. So they
-take turns instead: an appender that has filled a buffer stands back until the writer compresses, which needs no
-interpreter; and a writer that is done with that waits until the appender stands back again.
+A thread that appends without a pause holds the interpreter lock all the time. The writer has to ask for the lock, and
+gets it after the switch interval, 5 ms, each time, while the appender stands still for a moment. So the two take turns.
+An appender that has filled a buffer stands back until the writer compresses, which needs no interpreter. A writer that
+has compressed waits until the appender stands back again.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Turns:
         self.writer = State.RESTING
         """Set by the writer thread."""
         self.is_hurried = False
-        """Whether somebody waits for the writer; it takes that back when nothing is left to do."""
+        """Whether somebody waits for the writer; the writer clears this when nothing is left to do."""
         self._standing_back = 0
         self._full_speed_until_s = 0.0
         self._last_s = clock()
@@ -56,7 +56,7 @@ class Turns:
 
         Args:
             rows: How many are in the buffers filled so far.
-            waiting: Says how many of these the writer has not begun with.
+            waiting: Returns how many of these the writer has not begun with.
         """
         count, begun_s = rows - self._last_rows, self._clock()
         took_s = begun_s - self._last_s
@@ -75,10 +75,10 @@ class Turns:
             self._last_s = self._clock()
             self._full_speed_until_s = self._last_s + 2 * took_s
 
-    def _is_my_turn(self, behind: int) -> bool:
+    def _is_my_turn(self, waiting: int) -> bool:
         if self.writer is State.COMPRESSING:
-            return behind < _FAR_AHEAD
-        return self.writer is State.RESTING and not behind
+            return waiting < _FAR_AHEAD
+        return self.writer is State.RESTING and not waiting
 
     def hurry(self) -> None:
         """Have the writer wait for no turn until all is written."""

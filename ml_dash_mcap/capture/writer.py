@@ -1,4 +1,4 @@
-"""The one thread that takes sealed buffers and gets them into the file."""
+"""The writer thread: takes sealed buffers, prepares them, and hands them to the sinks."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _log = logging.getLogger("ml_dash_mcap")
 
 
 class _Alongside:
-    """A compressor that says when it is at work, which needs no interpreter."""
+    """A compressor that tells when it is at work, for then the writer needs no interpreter."""
 
     def __init__(self, compress: Compressor, turns: Turns) -> None:
         self.name = compress.name
@@ -113,7 +113,7 @@ class Writer:
         """Write what is left, finish the segments, end the thread, and close the sinks beside the file.
 
         Raises:
-            StorageError: Not everything could be written; the journal stays for the next one to recover it.
+            StorageError: Not everything could be written; the journal stays, for a recovery.
         """
         self._give_up_at = time.monotonic() + _CLOSE_PATIENCE_S
         self._stopping.set()

@@ -35,16 +35,16 @@ class Recovered:
     """What a recovery did."""
 
     finished: list[Path] = field(default_factory=list)
-    """Segments that had lost their end, and the one made of the journal."""
+    """Segments that had lost their end, and the segment that was made of the journal."""
     rows: int = 0
     """Rows that were in the journal only."""
     lost_bytes: int = 0
     """What the machine's crash left of chunks that are in no journal either: their rows are lost."""
     left: list[Path] = field(default_factory=list)
-    """Session files of dead recorders whose leftovers could not be recovered here; the log says why."""
+    """Session files of dead recorders whose leftovers could not be recovered here; the log tells why."""
 
     def __add__(self, other: Recovered) -> Recovered:
-        """Return what both did."""
+        """Return what both recoveries did."""
         return Recovered(
             [*self.finished, *other.finished],
             self.rows + other.rows,
@@ -54,7 +54,7 @@ class Recovered:
 
 
 def recover(path: str | Path) -> Recovered:
-    """Recover what dead recorders left in a run's folder, and in those below; leave alone what living ones are writing.
+    """Recover what dead recorders left in a run's folder, and in those below; leave alone what living recorders write.
 
     `Recorder` and `Recording` do this to their own folder when they open it. Nothing is lost if it is interrupted.
 
@@ -66,8 +66,8 @@ def recover(path: str | Path) -> Recovered:
     """
     folder = place(path, "path")
     if not folder.is_dir():
-        what = "is a file; pass its folder" if folder.is_file() else "no recording here"
-        raise MissingRecordingError(errno.ENOENT, what, str(path))
+        fault = "is a file; pass its folder" if folder.is_file() else "no recording here"
+        raise MissingRecordingError(errno.ENOENT, fault, str(path))
     done = Recovered()
     for run_folder in runs_below(folder):
         done += recover_folder(run_folder)

@@ -22,11 +22,11 @@ from .session_progress import about_of, whole_blocks
 
 
 def unfinished(folder: Path, session: str, stamp: str) -> Iterable[Path]:
-    """Yield the session's segments in progress; one that the crash left without a header is deleted.
+    """Yield the session's segments in progress; delete a segment that the crash left without a header.
 
     Args:
         folder: The run's folder.
-        session: Whose segments.
+        session: The session whose segments they are.
         stamp: How their names begin.
     """
     for path in sorted(folder.glob(f"*{SEGMENT_SUFFIX}{ACTIVE_SUFFIX}")):
@@ -54,7 +54,7 @@ def finish(path: Path, journaled: Collection[int]) -> Path:
 
     Args:
         path: The segment.
-        journaled: Numbers of the blocks that can be written again: what a crash left of the chunks of one is cut off.
+        journaled: Numbers of the blocks that can be written again: what a crash left of their chunks is cut off.
     """
     file = McapFile(path)
     try:
@@ -120,13 +120,13 @@ def _is_json(schema: Schema) -> bool:
 
 
 def _bare(record: bytes) -> bytes:
-    """Return a Schema record of the same length whose text says only that messages are objects."""
+    """Return a Schema record of the same length whose text tells only that messages are objects."""
     schema = SCHEMA.read(Fields(record, "", 0, PREFIX_BYTES))
     return record[: len(record) - len(schema.data)] + b'{"type":"object"}'.ljust(len(schema.data))
 
 
 def _contents(index: FileIndex, chunks: Iterable[Chunk]) -> WrittenContents:
-    """Say what an unfinished file holds in the terms of its summary; its last chunk may lack its message index."""
+    """Return what the summary of an unfinished file will list; its last chunk may lack its message index."""
     contents = WrittenContents(
         {schema.id: SCHEMA.pack(schema) for schema in index.schemas.values()},
         {channel.id: CHANNEL.pack(channel) for channel in index.channels.values()},
