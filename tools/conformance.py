@@ -220,7 +220,7 @@ def _of_messages(path: Path, expected: list[Described]) -> Iterator[str]:
             wanted = sorted(_of(expected, "Message"), key=lambda one: int(one["log_time"]))
             if [{"channel_id": number, **plain(one)} for one in found] != wanted:
                 yield f"its messages on {topic!r} differ"
-        footer = summary.footer(file.source, file.source.size())
+        footer = summary.read_footer(file.source, file.source.size())
         if footer is None or plain(footer.summary_crc) != expected[-1]["fields"]["summary_crc"]:
             yield "its footer differs"
     finally:

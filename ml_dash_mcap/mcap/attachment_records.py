@@ -20,8 +20,8 @@ _NAMES_BYTES = 64 * 1024
 def entries(file: IndexedFile) -> Sequence[AttachmentEntry]:
     """Return where a file's attachments lie, in its order: by its index, or by a walk where that is wrong."""
     glance = file.glance
-    said = glance.statistics
-    if said is not None and said.attachment_count != len(glance.attachments):
+    statistics = glance.statistics
+    if statistics is not None and statistics.attachment_count != len(glance.attachments):
         return list(_walk(file))
     wrong = next((entry for entry in glance.attachments if not _is_there(file, entry)), None)
     if wrong is not None:
@@ -75,8 +75,8 @@ def data(file: IndexedFile, entry: AttachmentEntry) -> bytes:
     if opcode != Opcode.ATTACHMENT or content != length - PREFIX_BYTES:
         raise DamagedFileError(source.name, at, "the index says that an attachment starts here, but none does")
     fields = Fields(record, source.name, at, PREFIX_BYTES)
-    found = ATTACHMENT_HEAD.read(fields, offset=at, length=length)
-    data = fields.raw(found.data_size)
+    head = ATTACHMENT_HEAD.read(fields, offset=at, length=length)
+    data = fields.raw(head.data_size)
     checked = memoryview(record)[PREFIX_BYTES : fields.at]  # later versions may add fields behind it
     expected = fields.u32()
     if expected and crc32(checked) != expected:

@@ -80,7 +80,7 @@ def survey_few(file: McapFile) -> None:
 
 
 def _are_times_right(source: ByteSource, chunk: Chunk, limits: Limits) -> bool:
-    """Whether the message indexes behind a chunk lie in the time that is said of it."""
+    """Whether the message indexes behind a chunk lie in the time that the file's index states for it."""
     length = chunk.message_index_length
     if length > limits.record_bytes:
         return True
@@ -130,7 +130,7 @@ def audit(file: McapFile, collect: Callable[[Chunk, ChunkContents], T]) -> list[
             for offset, what in _faults(file.source, file.limits, walked, true, is_read=is_read):
                 file.note(offset, what)
             file.adopt(replace(true, losses=before.losses))
-    return [found for _, contents, found in opened if contents is not None or found is not None]  # type: ignore[misc]
+    return [result for _, contents, result in opened if contents is not None or result is not None]  # type: ignore[misc]
 
 
 def _lost(file: McapFile, chunk: Chunk, error: DamagedFileError) -> DamagedFileError | None:
@@ -187,46 +187,46 @@ def _faults(
         true: What is true.
         is_read: Whether all chunks could be read.
     """
-    found = summary.footer(source, true.size)
-    if found is None or not found.summary_start:
+    footer = summary.read_footer(source, true.size)
+    if footer is None or not footer.summary_start:
         return
-    start = found.summary_start
+    start = footer.summary_start
     try:
-        said = summary.read_all(source, true.size, found, limits)
+        stated = summary.read_all(source, true.size, footer, limits)
     except DamagedFileError as error:
         yield error.offset, f"the summary cannot be used: {error.what}"
         return
-    yield from ((start, what) for what in _of_statistics(said.statistics, true if is_read else None))
-    yield from _of_chunks(said.chunks, walked.chunks, {chunk.offset: chunk for chunk in true.chunks})
-    yield from _of_entries("attachment", said.attachments, walked.attachments, start)
-    yield from _of_entries("metadata", said.metadata, walked.metadata, start)
+    yield from ((start, what) for what in _of_statistics(stated.statistics, true if is_read else None))
+    yield from _of_chunks(stated.chunks, walked.chunks, {chunk.offset: chunk for chunk in true.chunks})
+    yield from _of_entries("attachment", stated.attachments, walked.attachments, start)
+    yield from _of_entries("metadata", stated.metadata, walked.metadata, start)
     if is_read:
-        yield from ((start, what) for what in _of_records("schema", said.schemas, true.schemas))
-        yield from ((start, what) for what in _of_records("channel", said.channels, true.channels))
-    yield from ((start, what) for what in _of_groups(said, found.summary_offset_start))
+        yield from ((start, what) for what in _of_records("schema", stated.schemas, true.schemas))
+        yield from ((start, what) for what in _of_records("channel", stated.channels, true.channels))
+    yield from ((start, what) for what in _of_groups(stated, footer.summary_offset_start))
 
 
-def _of_statistics(said: Statistics | None, true: FileIndex | None) -> Iterator[str]:
-    known = None if true is None else true.statistics
-    if said is None or known is None:
+def _of_statistics(stated: Statistics | None, true: FileIndex | None) -> Iterator[str]:
+    actual = None if true is None else true.statistics
+    if stated is None or actual is None:
         return
     for name in (field for field in Statistics.__slots__ if field != "channel_message_counts"):
-        if getattr(said, name) != getattr(known, name):
-            yield f"the statistics say {name} {getattr(said, name)}, but it is {getattr(known, name)}"
-    counts, true_counts = said.channel_message_counts, known.channel_message_counts
+        if getattr(stated, name) != getattr(actual, name):
+            yield f"the statistics say {name} {getattr(stated, name)}, but it is {getattr(actual, name)}"
+    counts, true_counts = stated.channel_message_counts, actual.channel_message_counts
     for channel_id in sorted(counts.keys() | true_counts.keys()) if counts else ():
         count, true_count = counts.get(channel_id, 0), true_counts.get(channel_id, 0)
         if count != true_count:
             yield f"the statistics say {count} messages of channel {channel_id}, but there are {true_count}"
 
 
-def _of_chunks(said: Sequence[Chunk], walked: Sequence[Chunk], true: Mapping[int, Chunk]) -> Iterator[Fault]:
-    if not said:
+def _of_chunks(stated: Sequence[Chunk], walked: Sequence[Chunk], true: Mapping[int, Chunk]) -> Iterator[Fault]:
+    if not stated:
         return
     by_offset = {chunk.offset: chunk for chunk in walked if chunk.compression != records.LOOSE}
-    count = Counter(chunk.offset for chunk in said)
+    count = Counter(chunk.offset for chunk in stated)
     yield from ((offset, f"the chunk here has {number} indexes") for offset, number in count.items() if number > 1)
-    for chunk in said:
+    for chunk in stated:
         there = by_offset.get(chunk.offset)
         if there is None:
             yield chunk.offset, "a chunk index says that a chunk starts here, but none does"
@@ -242,44 +242,44 @@ def _of_chunks(said: Sequence[Chunk], walked: Sequence[Chunk], true: Mapping[int
             or chunk.message_index_length != there.message_index_length
         ):
             yield chunk.offset, "the index of the chunk here says wrongly where its message indexes lie"
-    for offset in sorted(by_offset.keys() - {chunk.offset for chunk in said}):
+    for offset in sorted(by_offset.keys() - {chunk.offset for chunk in stated}):
         yield offset, "the chunk here has no chunk index"
 
 
 def _of_entries(
     kind: str,
-    said: Sequence[AttachmentEntry] | Sequence[MetadataEntry],
+    stated: Sequence[AttachmentEntry] | Sequence[MetadataEntry],
     walked: Sequence[AttachmentEntry] | Sequence[MetadataEntry],
     start: int,
 ) -> Iterator[Fault]:
-    if not said:
+    if not stated:
         return
     by_offset: Mapping[int, Any] = {entry.offset: entry for entry in walked}
-    count = Counter(entry.offset for entry in said)
+    count = Counter(entry.offset for entry in stated)
     yield from ((offset, f"the {kind} here has {number} indexes") for offset, number in count.items() if number > 1)
-    for entry in said:
+    for entry in stated:
         there = by_offset.get(entry.offset)
         if there is None:
             yield start, f"the {kind} index of {entry.name!r} points to byte {entry.offset}, where none starts"
         elif entry != there:
             yield entry.offset, f"the {kind} index says {entry}, but it is {there}"
-    for offset in sorted(by_offset.keys() - {entry.offset for entry in said}):
+    for offset in sorted(by_offset.keys() - {entry.offset for entry in stated}):
         yield offset, f"the {kind} {by_offset[offset].name!r} has no index"
 
 
-def _of_records(kind: str, said: Mapping[int, Any], true: Mapping[int, Any]) -> Iterator[str]:
-    for number, record in said.items():
+def _of_records(kind: str, stated: Mapping[int, Any], true: Mapping[int, Any]) -> Iterator[str]:
+    for number, record in stated.items():
         if number not in true:
             yield f"the summary has {kind} {number}, which the data do not have"
         elif record != true[number]:
             yield f"the summary has another {kind} {number} than the data"
-    if said:
-        yield from (f"the summary does not repeat {kind} {number}" for number in sorted(true.keys() - said.keys()))
+    if stated:
+        yield from (f"the summary does not repeat {kind} {number}" for number in sorted(true.keys() - stated.keys()))
 
 
-def _of_groups(said: summary.SummaryContents, offsets_start: int) -> Iterator[str]:
+def _of_groups(stated: summary.SummaryContents, offsets_start: int) -> Iterator[str]:
     if not offsets_start:
         return
-    groups = {(one.opcode, one.start, one.length) for one in said.offsets if one.length}
-    for opcode, start, length in sorted(groups - set(said.groups)):
+    groups = {(offset.opcode, offset.start, offset.length) for offset in stated.offsets if offset.length}
+    for opcode, start, length in sorted(groups - set(stated.groups)):
         yield f"a summary offset says that {length} bytes of records of kind {opcode} lie at byte {start}"

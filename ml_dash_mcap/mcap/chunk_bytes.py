@@ -77,11 +77,11 @@ def unpack(
     head = records.CHUNK_HEAD.read(fields)
     if head.records_length > len(record) - fields.at:  # a later version may add fields behind them
         raise DamagedFileError(path, chunk.offset, "a chunk whose content is longer than its record")
-    said = (chunk.compression, chunk.compressed_size, chunk.uncompressed_size)
-    true = (head.compression, head.records_length, head.uncompressed_size)
-    if true != said:
-        note(f"the chunk's index says (compression, compressed and uncompressed bytes) {said}, the chunk {true}")
-        check_size(replace(chunk, compressed_size=true[1], uncompressed_size=true[2]), path, limits)
+    stated = (chunk.compression, chunk.compressed_size, chunk.uncompressed_size)
+    actual = (head.compression, head.records_length, head.uncompressed_size)
+    if actual != stated:
+        note(f"the chunk's index says (compression, compressed and uncompressed bytes) {stated}, the chunk {actual}")
+        check_size(replace(chunk, compressed_size=actual[1], uncompressed_size=actual[2]), path, limits)
     packed = memoryview(record)[fields.at : fields.at + head.records_length]
     data = _decompress(packed, head, path, chunk.offset)
     if len(data) != head.uncompressed_size:

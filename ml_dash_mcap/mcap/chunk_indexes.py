@@ -80,8 +80,8 @@ class ChunkIndexes:
         """
         if sum(len(places) for _, _, places, _ in self._runs) >= _WORTH_A_TABLE:
             return self.table(data_end)
-        found = [self._one(data, start, at, data_end) for data, start, places, _ in self._runs for at in places]
-        return sorted(found, key=lambda chunk: chunk.offset)
+        chunks = [self._chunk_at(data, start, at, data_end) for data, start, places, _ in self._runs for at in places]
+        return sorted(chunks, key=lambda chunk: chunk.offset)
 
     def table(self, data_end: int) -> ChunkTable:
         """Return the chunks as a table.
@@ -112,7 +112,7 @@ class ChunkIndexes:
                     into[name][rows] = run[name]
                 alike.append(Alike(first + rows, compression, run["map"]["channel"], run["map"]["offset"]))
             for row in np.flatnonzero(left).tolist():
-                chunk = self._one(data, start, places[row], data_end)
+                chunk = self._chunk_at(data, start, places[row], data_end)
                 into[row] = (
                     *(chunk.start_ns, chunk.end_ns, chunk.offset, chunk.length),
                     *(chunk.message_index_length, chunk.compressed_size, chunk.uncompressed_size),
@@ -121,7 +121,7 @@ class ChunkIndexes:
             first += len(ats)
         return ChunkTable(np.concatenate(numbers) if numbers else np.zeros(0, NUMBERS), alike, others)
 
-    def _one(self, data: memoryview, start: int, at: int, data_end: int) -> Chunk:
+    def _chunk_at(self, data: memoryview, start: int, at: int, data_end: int) -> Chunk:
         _, fields = record_at(data, at, self._path, start)
         chunk = records.CHUNK_INDEX.read(fields)
         check(chunk, self._path, start + at, data_end)
@@ -199,8 +199,8 @@ def _read(data: memoryview, form: np.dtype[np.void], ats: npt.NDArray[np.int64])
 
 def _strided(data: memoryview, form: np.dtype[Any]) -> npt.NDArray[Any]:
     """Return what would be in `data` if a record of a form began at each of its bytes."""
-    found: npt.NDArray[Any] = np.ndarray((len(data) - form.itemsize + 1,), form, data, 0, (1,))
-    return found
+    records_at_each_byte: npt.NDArray[Any] = np.ndarray((len(data) - form.itemsize + 1,), form, data, 0, (1,))
+    return records_at_each_byte
 
 
 def _is_sound(run: npt.NDArray[np.void], data_end: int) -> npt.NDArray[np.bool_]:

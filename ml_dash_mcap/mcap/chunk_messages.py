@@ -60,7 +60,7 @@ class Messages:
 
 @dataclass(frozen=True, slots=True)
 class ChunkScan:
-    """What walking a chunk's own records brings to light."""
+    """What a chunk's own records hold, found without its message indexes."""
 
     schemas: Mapping[int, records.Schema]
     channels: Mapping[int, records.Channel]
@@ -73,12 +73,12 @@ class ChunkScan:
 
 
 def scan(data: bytes, chunk: Chunk, path: str) -> ChunkScan:
-    """Walk a chunk's own records: for chunks without a message index, and for channels that stand inside."""
+    """Walk a chunk's own records: it may have no message index, or the only records of some channels."""
     return _scan(data, chunk, path, [(0, len(data))])
 
 
 def _scan(data: bytes, chunk: Chunk, path: str, stretches: Iterable[tuple[int, int]]) -> ChunkScan:
-    """Walk the records that lie in some stretches of a chunk, each from where to where."""
+    """Walk the records in some parts of a chunk; each part is a start and an end."""
     schemas: dict[int, records.Schema] = {}
     channels: dict[int, records.Channel] = {}
     entries: dict[int, array[int]] = {}
@@ -87,7 +87,9 @@ def _scan(data: bytes, chunk: Chunk, path: str, stretches: Iterable[tuple[int, i
             _scan_stretch(memoryview(data)[:end], start, path, schemas, channels, entries)
     except DamagedFileError as error:
         raise DamagedFileError(path, chunk.offset, f"a chunk with damaged records ({error})") from error
-    return ChunkScan(schemas, channels, {one: _message_index(one, found) for one, found in entries.items()})
+    return ChunkScan(
+        schemas, channels, {channel_id: _message_index(channel_id, pairs) for channel_id, pairs in entries.items()}
+    )
 
 
 def _scan_stretch(
@@ -129,7 +131,7 @@ class ChunkContents:
     @property
     def counts(self) -> dict[int, int]:
         """Channel to how many messages, where there are some."""
-        return {channel_id: len(found) for channel_id, found in self.messages.items() if len(found)}
+        return {channel_id: len(messages) for channel_id, messages in self.messages.items() if len(messages)}
 
     @property
     def span(self) -> tuple[int, int] | None:
@@ -174,21 +176,21 @@ def contents(data: bytes, indexes: Sequence[MessageIndex] | None, chunk: Chunk, 
     """
     if indexes is not None:
         try:
-            messages = {one.channel_id: gather(data, one, chunk, path) for one in indexes}
+            messages = {index.channel_id: gather(data, index, chunk, path) for index in indexes}
             scanned = _scan(data, chunk, path, _gaps(data, list(messages.values())))
             if not scanned.indexes:
                 return ChunkContents(messages, scanned.schemas, scanned.channels, is_indexed=True)
         except ValueError:  # a DamagedFileError too: the records themselves will tell
             pass
     scanned = scan(data, chunk, path)
-    messages = {one.channel_id: gather(data, one, chunk, path) for one in scanned.indexes.values()}
+    messages = {index.channel_id: gather(data, index, chunk, path) for index in scanned.indexes.values()}
     return ChunkContents(messages, scanned.schemas, scanned.channels, is_indexed=False)
 
 
 def _gaps(data: bytes, messages: Sequence[Messages]) -> Iterator[tuple[int, int]]:
-    """Yield where a chunk's records are no messages that an index points to: from where on, and up to where."""
-    starts = np.concatenate([np.empty(0, np.int64), *(one.offsets for one in messages)])
-    ends = np.concatenate([np.empty(0, np.int64), *(one.ends for one in messages)])
+    """Yield the start and the end of each part of a chunk that holds no message that an index points to."""
+    starts = np.concatenate([np.empty(0, np.int64), *(part.offsets for part in messages)])
+    ends = np.concatenate([np.empty(0, np.int64), *(part.ends for part in messages)])
     order = np.argsort(starts)
     starts, ends = np.append(starts[order], len(data)), np.insert(ends[order], 0, 0)
     if (starts < ends).any():
@@ -198,18 +200,18 @@ def _gaps(data: bytes, messages: Sequence[Messages]) -> Iterator[tuple[int, int]
 
 
 def _take_messages(data: Bytes, at: int, entries: dict[int, array[int]]) -> int:
-    """Note the times and places of the messages that lie one behind the other here; returns where they end."""
+    """Add the times and offsets of consecutive messages to `entries`; returns where the last of them ends."""
     unpack, last = _MESSAGE_START.unpack_from, len(data) - MESSAGE_HEAD_BYTES
     while at <= last:
         opcode, length, channel_id, time_ns = unpack(data, at)
         end = at + PREFIX_BYTES + length
         if opcode != Opcode.MESSAGE or length < MESSAGE_FIXED_BYTES or end > len(data):
             break
-        found = entries.get(channel_id)
-        if found is None:
-            found = entries[channel_id] = array("Q")
-        found.append(time_ns)
-        found.append(at)
+        pairs = entries.get(channel_id)
+        if pairs is None:
+            pairs = entries[channel_id] = array("Q")
+        pairs.append(time_ns)
+        pairs.append(at)
         at = end
     return at
 
@@ -225,7 +227,7 @@ def no_messages(channel_id: int) -> MessageIndex:
 
 
 def are_within(index: MessageIndex, chunk: Chunk) -> bool:
-    """Whether messages lie in the time that their chunk says."""
+    """Whether the messages of an index lie in the time range that is stated for their chunk."""
     times = index.times_ns
     return not len(times) or (chunk.start_ns <= int(times.min()) and int(times.max()) <= chunk.end_ns)
 

@@ -66,15 +66,15 @@ class ChunkTable(Sequence[Chunk]):
         place = np.empty(len(order), np.intp)
         place[order] = np.arange(len(order))
         self.numbers = numbers[order]
-        self._alike = [Alike(place[one.rows], one.compression, one.ids, one.offsets) for one in alike]
+        self._alike = [Alike(place[group.rows], group.compression, group.ids, group.offsets) for group in alike]
         self._group = np.full(len(order), -1, np.intp)
         self._row = np.zeros(len(order), np.intp)
-        for group, one in enumerate(self._alike):
-            self._group[one.rows] = group
-            self._row[one.rows] = np.arange(len(one.rows))
-        self._known: dict[int, Chunk] = {int(place[at]): chunk for at, chunk in others}
-        self._others = list(self._known)
-        self._same_ids = [_same_row(one.ids) for one in self._alike]
+        for number, group in enumerate(self._alike):
+            self._group[group.rows] = number
+            self._row[group.rows] = np.arange(len(group.rows))
+        self._chunk_by_place: dict[int, Chunk] = {int(place[at]): chunk for at, chunk in others}
+        self._others = list(self._chunk_by_place)
+        self._same_ids = [_same_row(group.ids) for group in self._alike]
         """Of each group, the channels of all its chunks, if they have the same ones, as most recordings' have."""
 
     def __len__(self) -> int:
@@ -86,11 +86,11 @@ class ChunkTable(Sequence[Chunk]):
     def __getitem__(self, at: slice) -> list[Chunk]: ...
     def __getitem__(self, at: int | slice) -> Chunk | list[Chunk]:
         if isinstance(at, slice):
-            return [self[one] for one in range(*at.indices(len(self)))]
+            return [self[place] for place in range(*at.indices(len(self)))]
         place = range(len(self))[at]
-        chunk = self._known.get(place)
+        chunk = self._chunk_by_place.get(place)
         if chunk is None:
-            chunk = self._known[place] = self._made(place)
+            chunk = self._chunk_by_place[place] = self._made(place)
         return chunk
 
     def __iter__(self) -> Iterator[Chunk]:
@@ -108,27 +108,27 @@ class ChunkTable(Sequence[Chunk]):
 
     def channels(self) -> set[int]:
         """Do what the function `channels` does."""
-        found: set[int] = set()
-        for one in self._alike:
-            found.update(np.unique(one.ids).tolist())
+        ids: set[int] = set()
+        for group in self._alike:
+            ids.update(np.unique(group.ids).tolist())
         for at in self._others:
-            found.update(self[at].message_index_offsets)
-        return found
+            ids.update(self[at].message_index_offsets)
+        return ids
 
     def count_into(self, total: npt.NDArray[np.int64]) -> bool:
         """Add how many messages each channel has to `total`; returns whether all chunks tell, as `counts` does."""
-        for one in self._alike:
-            if not one.ids.shape[1]:
-                if self.numbers["unpacked"][one.rows].any():
+        for group in self._alike:
+            if not group.ids.shape[1]:
+                if self.numbers["unpacked"][group.rows].any():
                     return False
                 continue
-            numbers = self.numbers[one.rows]
+            numbers = self.numbers[group.rows]
             ends = (numbers["offset"] + numbers["length"] + numbers["index_bytes"]).astype(np.int64)
-            starts = one.offsets.astype(np.int64)
+            starts = group.offsets.astype(np.int64)
             order = np.argsort(starts, axis=1)
             edges = np.concatenate([np.take_along_axis(starts, order, 1), ends[:, None]], axis=1)
             entries = np.maximum(np.diff(edges, axis=1) - _INDEX_BYTES, 0) // ENTRY_BYTES
-            np.add.at(total, np.take_along_axis(one.ids, order, 1).ravel(), entries.ravel())
+            np.add.at(total, np.take_along_axis(group.ids, order, 1).ravel(), entries.ravel())
         for at in self._others:
             chunk = self[at]
             if not chunk.indexed and chunk.uncompressed_size:
@@ -141,35 +141,35 @@ class ChunkTable(Sequence[Chunk]):
         place = int(np.searchsorted(self.numbers["offset"], np.uint64(chunk.offset)))
         if place not in self._others:
             self._others.append(place)  # looked at after those that were read together, so that it counts
-        self._known[place] = chunk
+        self._chunk_by_place[place] = chunk
         self.numbers["start_ns"][place], self.numbers["end_ns"][place] = chunk.start_ns, chunk.end_ns
 
     def _hold(self, channels: Collection[int]) -> npt.NDArray[np.bool_]:
         held = np.ones(len(self), np.bool_)
         ids = np.fromiter(channels, np.uint16, len(channels))
-        for one, same in zip(self._alike, self._same_ids, strict=True):
+        for group, same in zip(self._alike, self._same_ids, strict=True):
             if same is not None:
-                held[one.rows] = not same.isdisjoint(channels)
-            elif one.ids.shape[1]:
-                held[one.rows] = np.isin(one.ids, ids).any(axis=1)
+                held[group.rows] = not same.isdisjoint(channels)
+            elif group.ids.shape[1]:
+                held[group.rows] = np.isin(group.ids, ids).any(axis=1)
         for at in self._others:
             held[at] = may_hold(self[at], channels)
         return held
 
     def _made(self, place: int) -> Chunk:
         start_ns, end_ns, offset, length, index_bytes, packed, unpacked = self.numbers[place].item()
-        one, row = self._alike[self._group[place]], self._row[place]
+        group, row = self._alike[self._group[place]], self._row[place]
         return Chunk(
             offset=offset,
             length=length,
             start_ns=start_ns,
             end_ns=end_ns,
-            compression=one.compression,
+            compression=group.compression,
             compressed_size=packed,
             uncompressed_size=unpacked,
-            message_index_offsets=dict(zip(one.ids[row].tolist(), one.offsets[row].tolist(), strict=True)),
+            message_index_offsets=dict(zip(group.ids[row].tolist(), group.offsets[row].tolist(), strict=True)),
             message_index_length=index_bytes,
-            indexed=one.ids.shape[1] > 0,
+            indexed=group.ids.shape[1] > 0,
         )
 
 
@@ -192,8 +192,12 @@ def holding(
     """
     if isinstance(chunks, ChunkTable):
         return chunks.holding(channels, start_ns, end_ns)
-    is_held = (one.end_ns >= start_ns and one.start_ns <= end_ns and may_hold(one, channels) for one in chunks)
-    return np.array([at for at, held in enumerate(is_held) if held], np.intp)
+    held = [
+        place
+        for place, chunk in enumerate(chunks)
+        if chunk.end_ns >= start_ns and chunk.start_ns <= end_ns and may_hold(chunk, channels)
+    ]
+    return np.array(held, np.intp)
 
 
 def times(
@@ -202,8 +206,10 @@ def times(
     """Return the first and the last log times of some chunks, in ns."""
     if isinstance(chunks, ChunkTable):
         return chunks.numbers["start_ns"][which], chunks.numbers["end_ns"][which]
-    some = [chunks[at] for at in which.tolist()]
-    return np.array([one.start_ns for one in some], np.uint64), np.array([one.end_ns for one in some], np.uint64)
+    part = [chunks[place] for place in which.tolist()]
+    return np.array([chunk.start_ns for chunk in part], np.uint64), np.array(
+        [chunk.end_ns for chunk in part], np.uint64
+    )
 
 
 def is_read_with(chunk: Chunk, start: int, end: int) -> bool:
@@ -251,7 +257,7 @@ def correct(chunks: Sequence[Chunk], chunk: Chunk) -> None:
     if isinstance(chunks, ChunkTable):
         chunks.correct(chunk)
     elif isinstance(chunks, list):
-        place = bisect_left(chunks, chunk.offset, key=lambda one: one.offset)
+        place = bisect_left(chunks, chunk.offset, key=lambda entry: entry.offset)
         chunks[place] = chunk
 
 

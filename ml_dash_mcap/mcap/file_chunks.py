@@ -52,11 +52,11 @@ class FileChunks:
         """Guards `_kept` and `_scanned`."""
         self._kept: OrderedDict[_Key, bytes] = OrderedDict()
         self._scanned: dict[_Key, Mapping[int, MessageIndex]] = {}
-        """What walking the records of those that are kept brought to light."""
+        """The message indexes of kept chunks, made by walking their records."""
         self._edges: dict[int, tuple[Chunk, list[int]]] = {}
         """By identity, the chunks that were asked for last, and where the message indexes of each start, sorted."""
         self._latest: tuple[Chunk, MessageIndex] | None = None
-        """The message index that was read last, and of which chunk: whoever looks up a time often reads it next."""
+        """The message index that was read last, with its chunk: a reader that looks up a time often reads it next."""
 
     def read(self, offset: int, length: int) -> bytes:
         """Read the bytes of chunks that lie together; none if one is longer than any that would be unpacked."""
@@ -85,7 +85,7 @@ class FileChunks:
         except chunk_bytes.LimitError as error:
             if self._topic_of is None or chunk.compression == records.LOOSE:
                 raise
-            data = self._around(chunk, error, self._topic_of)
+            data = self._fitting(chunk, error, self._topic_of)
         with self._kept_lock:
             self._kept[_key(chunk)] = data
             while len(self._kept) > _KEPT_CHUNKS or sum(map(len, self._kept.values())) > _KEPT_BYTES:
@@ -101,15 +101,15 @@ class FileChunks:
             record, chunk, name, self._limits, lambda what: self._losses.note(name, chunk.offset, what)
         )
 
-    def _around(self, chunk: Chunk, error: chunk_bytes.LimitError, topic_of: Callable[[int], str]) -> bytes:
+    def _fitting(self, chunk: Chunk, error: chunk_bytes.LimitError, topic_of: Callable[[int], str]) -> bytes:
         """Return the records of a chunk that is over the limits, but for the messages that do not fit."""
         name = self._source.name
         rest = chunk_bytes.read_fitting(self._source, chunk, self._limits)
         scanned = chunk_messages.scan(rest.data, chunk, name)
         count: int | None = sum(rest.lost.values())
         if not rest.is_whole:
-            known = self._announced(chunk)
-            count = None if known is None else max(known - sum(scanned.counts.values()), count or 0)
+            announced = self._announced(chunk)
+            count = None if announced is None else max(announced - sum(scanned.counts.values()), count or 0)
         if rest.is_whole and not count:
             self._losses.note(name, chunk.offset, f"the chunk's index says {error.what}, but it is not that large")
             return rest.data
@@ -128,7 +128,7 @@ class FileChunks:
         if not chunk.indexed or not chunk.message_index_offsets:
             return None
         try:
-            return sum(len(self.index(chunk, one).offsets) for one in chunk.message_index_offsets)
+            return sum(len(self.index(chunk, channel_id).offsets) for channel_id in chunk.message_index_offsets)
         except DamagedFileError:
             return None
 
@@ -153,13 +153,13 @@ class FileChunks:
             DamagedFileError: They are not what they should be.
         """
         with self._kept_lock:
-            found = self._scanned.get(_key(chunk))
-        if found is None:
-            found = chunk_messages.scan(self.records(chunk), chunk, self._source.name).indexes
+            indexes = self._scanned.get(_key(chunk))
+        if indexes is None:
+            indexes = chunk_messages.scan(self.records(chunk), chunk, self._source.name).indexes
             with self._kept_lock:
                 if _key(chunk) in self._kept:
-                    self._scanned[_key(chunk)] = found
-        return found
+                    self._scanned[_key(chunk)] = indexes
+        return indexes
 
     def forget(self) -> None:
         """Let go of what was unpacked: the file was rewritten."""
@@ -196,15 +196,15 @@ class FileChunks:
         if opcode != Opcode.MESSAGE_INDEX or length > room - PREFIX_BYTES:
             raise DamagedFileError(name, offset, "the index says that a message index starts here, but none does")
         fields = Fields(span, name, at, start, min(start + length, len(span)))
-        found = read_message_index(fields)
-        if found.channel_id != channel_id:
-            raise DamagedFileError(name, offset, f"a message index of channel {found.channel_id}, not {channel_id}")
+        index = read_message_index(fields)
+        if index.channel_id != channel_id:
+            raise DamagedFileError(name, offset, f"a message index of channel {index.channel_id}, not {channel_id}")
         if start + length - fields.at >= ENTRY_BYTES:  # fields of a later version, or entries that are hidden
             true = self.scan(chunk).get(channel_id)
-            if true is None or len(true.offsets) != len(found.offsets):
+            if true is None or len(true.offsets) != len(index.offsets):
                 raise DamagedFileError(name, offset, "a message index whose length contradicts itself")
-        self._latest = (chunk, found)
-        return found
+        self._latest = (chunk, index)
+        return index
 
     def _room(self, chunk: Chunk, offset: int) -> int:
         """Return how long a message index can be at most: none reaches into the next one."""

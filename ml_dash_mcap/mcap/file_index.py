@@ -15,7 +15,7 @@ OWN_LIBRARY = "ml_dash_mcap"
 
 
 class ReindexedError(Exception):
-    """A file's index was wrong about where things lie, and is right now: whoever planned by it plans again."""
+    """A file's index was wrong about where things lie and was replaced: a plan made from it has to be made again."""
 
 
 P = ParamSpec("P")
@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 
 def replanned(work: Callable[P, T]) -> Callable[P, T]:
-    """Do a work again if an index that it went by turns out to be wrong; each file's index is replaced once at most."""
+    """Repeat a function if an index that it used was wrong; the index of a file is replaced once at most."""
 
     @wraps(work)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> T:

@@ -86,10 +86,10 @@ class McapFile(IndexedFile):
         """
         if chunk.indexed and not self._chunks.is_over(chunk):
             try:
-                found = self._chunks.index(chunk, channel_id)
-                if not chunk_messages.are_within(found, chunk):
+                index = self._chunks.index(chunk, channel_id)
+                if not chunk_messages.are_within(index, chunk):
                     self.correct_once(chunk)
-                return found
+                return index
             except DamagedFileError as error:
                 self.note(error.offset, error.what, "index")
         scanned = self.message_indexes(chunk, stored=False).get(channel_id)
@@ -138,18 +138,18 @@ class McapFile(IndexedFile):
         ids = list(channel_ids)
         if chunk.indexed and not self.is_partial(chunk):
             try:
-                stored = [self._chunks.index(chunk, one, span, chunk.offset) for one in ids]
-                if not all(chunk_messages.are_within(one, chunk) for one in stored):
+                stored = [self._chunks.index(chunk, channel_id, span, chunk.offset) for channel_id in ids]
+                if not all(chunk_messages.are_within(index, chunk) for index in stored):
                     self.correct_once(chunk)
                 return chunk_messages.gather_each(data, stored, chunk, self.source.name, start_ns, end_ns)
             except DamagedFileError as error:
                 self.note(error.offset, error.what, "index")
                 self.correct_once(chunk)
         scanned = self.message_indexes(chunk, stored=False)
-        found = [scanned[one] for one in ids if one in scanned]
-        if not all(chunk_messages.are_within(one, chunk) for one in found):
+        walked = [scanned[channel_id] for channel_id in ids if channel_id in scanned]
+        if not all(chunk_messages.are_within(index, chunk) for index in walked):
             self.correct_once(chunk)
-        return chunk_messages.gather_each(data, found, chunk, self.source.name, start_ns, end_ns)
+        return chunk_messages.gather_each(data, walked, chunk, self.source.name, start_ns, end_ns)
 
     def contents(self, chunk: Chunk) -> ChunkContents:
         """Return all that a chunk holds, by its own records, and whether its message indexes say the same.
@@ -163,8 +163,11 @@ class McapFile(IndexedFile):
         indexes: list[MessageIndex] | None = None
         if chunk.indexed and not self.is_partial(chunk):
             with suppress(DamagedFileError):
-                ids = chunk.message_index_offsets
-                indexes = [self._chunks.index(chunk, one, span if is_whole else None, chunk.offset) for one in ids]
+                bytes_of_chunk = span if is_whole else None
+                indexes = [
+                    self._chunks.index(chunk, channel_id, bytes_of_chunk, chunk.offset)
+                    for channel_id in chunk.message_index_offsets
+                ]
         return chunk_messages.contents(data, indexes, chunk, self.source.name)
 
     # -- what indexes say wrongly --------------------------------------------------------------------------------------
@@ -180,7 +183,7 @@ class McapFile(IndexedFile):
         return bool(self._corrected)
 
     def correct(self, chunk: Chunk, contents: ChunkContents) -> Chunk:
-        """Put what a chunk's own records say in the place of what was said about it, and note what was wrong.
+        """Correct the index by what a chunk's own records say, and note what was wrong.
 
         Returns:
             What is true of it.
@@ -212,13 +215,13 @@ class McapFile(IndexedFile):
         if self.salvages and count is None and chunk.indexed:
             try:
                 stored = [self._chunks.index(chunk, channel_id) for channel_id in chunk.message_index_offsets]
-                count = int(np.sum([len(one.offsets) for one in stored]))
+                count = int(np.sum([len(index.offsets) for index in stored]))
             except DamagedFileError:
                 count = None
         self.lose(DamagedFileError(error.path, chunk.offset, error.what), count, "chunk")
 
     def reindex(self, error: DamagedFileError) -> bool:
-        """Do what that of `IndexedFile` does; what was wrong about chunks is forgotten with the index that said it."""
+        """Do what `IndexedFile.reindex` does; which chunks the old index was wrong about does not matter any more."""
         is_done = super().reindex(error)
         if is_done:
             self._corrected.clear()

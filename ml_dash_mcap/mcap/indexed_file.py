@@ -144,10 +144,10 @@ class IndexedFile:
     def metadata(self) -> list[records.Metadata]:
         """Return all metadata records, in the order of the file. Each is read once."""
         try:
-            found = [self._read_metadata(entry) for entry in self.glance.metadata]
+            read = [self._read_metadata(entry) for entry in self.glance.metadata]
         except ReindexedError:
-            found = [self._read_metadata(entry) for entry in self.glance.metadata]
-        return [record for record in found if record is not None]
+            read = [self._read_metadata(entry) for entry in self.glance.metadata]
+        return [record for record in read if record is not None]
 
     def metadata_named(self, name: str) -> list[records.Metadata]:
         """Return the metadata records of a name, in the order of the file."""
@@ -155,7 +155,7 @@ class IndexedFile:
         return [record for record in read if record is not None]
 
     def note(self, offset: int, what: str, key: Hashable = None) -> None:
-        """Note that an index or the statistics say what is not so: the data are right, and nothing is lost.
+        """Note a fault of an index or of the statistics: the data are right, and nothing is lost.
 
         Args:
             offset: Where it lies, or what it is about.
@@ -173,7 +173,7 @@ class IndexedFile:
 
         Args:
             error: What is wrong.
-            messages: How many messages are lost by it; None if nobody knows.
+            messages: How many messages are lost by it; None if that is not known.
             key: Tells it from whatever else is wrong at the same place.
 
         Raises:
@@ -251,10 +251,10 @@ class IndexedFile:
         if length < 0 or read_prefix(data, 0) != (Opcode.METADATA, length):
             what = "the index says that a metadata record starts here, but none does"
             raise DamagedFileError(name, entry.offset, what)
-        found = records.METADATA.read(Fields(data, name, entry.offset, PREFIX_BYTES))
-        if found.name != entry.name:
-            self.note(entry.offset, f"the metadata index says that {entry.name!r} is here, but {found.name!r} is")
-        return found
+        metadata = records.METADATA.read(Fields(data, name, entry.offset, PREFIX_BYTES))
+        if metadata.name != entry.name:
+            self.note(entry.offset, f"the metadata index says that {entry.name!r} is here, but {metadata.name!r} is")
+        return metadata
 
     def _forget(self) -> None:
         """Let go of what was read: the file was rewritten."""
@@ -262,7 +262,11 @@ class IndexedFile:
         self._losses.clear()
 
 
-def _has_as_much(walked: FileIndex, said: FileIndex) -> bool:
+def _has_as_much(walked: FileIndex, stated: FileIndex) -> bool:
     """Whether a walk found as many chunks, metadata records and attachments as a summary has."""
-    pairs = ((walked.chunks, said.chunks), (walked.metadata, said.metadata), (walked.attachments, said.attachments))
-    return all(len(found) >= len(known) for found, known in pairs)
+    pairs = (
+        (walked.chunks, stated.chunks),
+        (walked.metadata, stated.metadata),
+        (walked.attachments, stated.attachments),
+    )
+    return all(len(there) >= len(named) for there, named in pairs)

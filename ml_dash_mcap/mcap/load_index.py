@@ -28,15 +28,15 @@ def glance(source: ByteSource, limits: Limits, *, is_new: bool) -> Glance | None
     The arguments and errors are those of `load`.
     """
     size = source.size()
-    started = _start(source, size, is_new)
-    found = None if started is None else summary.footer(source, size)
-    if started is None or found is None:
+    header_fields = _start(source, size, is_new)
+    footer = None if header_fields is None else summary.read_footer(source, size)
+    if header_fields is None or footer is None:
         return None
     try:
-        header = records.HEADER.read(started)
+        header = records.HEADER.read(header_fields)
     except DamagedFileError:
         return None
-    return summary.glance(source, size, header, found, limits)
+    return summary.glance(source, size, header, footer, limits)
 
 
 def load(
@@ -60,37 +60,37 @@ def load(
         DamagedFileError: It is no MCAP file, or a finished one that is broken.
     """
     size = source.size()
-    started = _start(source, size, is_new)
-    if started is None:
+    header_fields = _start(source, size, is_new)
+    if header_fields is None:
         return file_index.empty(source.name)
-    header, losses = _header(started, source.name, salvages)
-    how = partial(scan.FileScan, source, header=header, limits=limits, is_new=is_new, salvages=salvages)
-    found = _indexed(how(size), started.end, previous)
-    if isinstance(found, int):  # the file ends there, before its last byte
-        losses = (*losses, _trailing_bytes(source, found, size))
-        found = _indexed(how(found), started.end, None)
-        assert not isinstance(found, int)
-    return replace(found, losses=(*losses, *found.losses))
+    header, losses = _header(header_fields, source.name, salvages)
+    scan_of = partial(scan.FileScan, source, header=header, limits=limits, is_new=is_new, salvages=salvages)
+    index = _indexed(scan_of(size), header_fields.end, previous)
+    if isinstance(index, int):  # the file ends there, before its last byte
+        losses = (*losses, _trailing_bytes(source, index, size))
+        index = _indexed(scan_of(index), header_fields.end, None)
+        assert not isinstance(index, int)
+    return replace(index, losses=(*losses, *index.losses))
 
 
-def by_walking(source: ByteSource, limits: Limits, known: FileIndex) -> FileIndex:
+def by_walking(source: ByteSource, limits: Limits, index: FileIndex) -> FileIndex:
     """Index a finished file by its records alone, whatever its summary says; what is damaged is stepped over.
 
     Args:
         source: The file.
         limits: For what is read.
-        known: What is known of it.
+        index: What its summary says.
     """
-    started = _start(source, known.size, is_new=False)
-    found = summary.footer(source, known.size)
-    if started is None or found is None:
-        return known
-    how = scan.FileScan(source, known.size, known.header, limits, salvages=True)
-    return how.finished(started.end, summary.clues(source, known.size, found, limits))
+    header_fields = _start(source, index.size, is_new=False)
+    footer = summary.read_footer(source, index.size)
+    if header_fields is None or footer is None:
+        return index
+    walk = scan.FileScan(source, index.size, index.header, limits, salvages=True)
+    return walk.finished(header_fields.end, summary.clues(source, index.size, footer, limits))
 
 
 def _header(content: Fields, path: str, salvages: bool) -> tuple[Header, tuple[Loss, ...]]:
-    """Return a file's header, and what is lost of it: what only it says matters to nobody."""
+    """Return a file's header and what is lost of it. A damaged one is replaced by an empty one: no reader needs it."""
     try:
         return records.HEADER.read(content), ()
     except DamagedFileError as error:
@@ -99,25 +99,25 @@ def _header(content: Fields, path: str, salvages: bool) -> tuple[Header, tuple[L
         return Header("", ""), (Loss(Path(path), error.offset, f"the file's header: {error.what}", 0),)
 
 
-def _indexed(how: scan.FileScan, first: int, previous: FileIndex | None) -> FileIndex | int:
+def _indexed(walk: scan.FileScan, first: int, previous: FileIndex | None) -> FileIndex | int:
     """Return the index of a file, or where it ends, if bytes lie behind its end."""
-    source, size, limits = how.source, how.size, how.limits
-    found = summary.footer(source, size)
-    if found is None:
+    source, size, limits = walk.source, walk.size, walk.limits
+    footer = summary.read_footer(source, size)
+    if footer is None:
         is_next = previous is not None and first <= previous.end <= size
-        walked = how.unfinished(first, previous if is_next else None)
+        walked = walk.unfinished(first, previous if is_next else None)
     else:
         try:
-            by_summary = summary.read(source, size, how.header, found, limits)
+            by_summary = summary.read(source, size, walk.header, footer, limits)
         except DamagedFileError:
             by_summary = None
         if by_summary is not None:
             return by_summary
-        clues = summary.clues(source, size, found, limits)
-        walked = how.finished(first, clues if how.salvages else None)
+        clues = summary.clues(source, size, footer, limits)
+        walked = walk.finished(first, clues if walk.salvages else None)
         if not clues.agree_with(walked) and not walked.losses:
             walked = replace(walked, doubtful=True)
-    return walked if how.end is None or how.end == size else how.end
+    return walked if walk.end is None or walk.end == size else walk.end
 
 
 def _start(source: ByteSource, size: int, is_new: bool) -> Fields | None:

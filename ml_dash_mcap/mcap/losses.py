@@ -19,7 +19,7 @@ class Loss:
     what: str
     """What is wrong, in words."""
     messages: int | None
-    """How many messages are known to be lost; None where nobody knows."""
+    """How many messages are known to be lost; None where that is not known."""
     corrected: bool = False
     """Whether nothing is lost: an index or the statistics say what is not so, and the data say what is."""
 
@@ -29,7 +29,7 @@ class Loss:
 
 
 class Losses:
-    """What was found lost in one file so far. Any thread may add."""
+    """The losses of one file so far. Any thread may add."""
 
     def __init__(self) -> None:
         """Begin with nothing lost."""
@@ -50,7 +50,7 @@ class Losses:
             self._found.setdefault(key, loss)
 
     def note(self, path: str | Path, offset: int, what: str, key: Hashable = None) -> None:
-        """Note once that an index or the statistics say what is not so: nothing is lost.
+        """Note a fault of an index or of the statistics once: nothing is lost.
 
         Args:
             path: The file.
@@ -66,7 +66,7 @@ class Losses:
         Args:
             key: Tells the loss from others.
             message: Tells the message from others.
-            loss: What is lost; what was said with the first message stays.
+            loss: What is lost; the description of the first message stays.
         """
         with self._lock:
             members = self._members.setdefault(key, set())

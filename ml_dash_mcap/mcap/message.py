@@ -23,7 +23,7 @@ class Connection:
     type: str = ""
     """The schema's name, as its file has it, such as "sensor_msgs/msg/JointState"."""
     schema_encoding: str = ""
-    """Of `definition`: "ros1msg", "ros2msg" or "ros2idl"; empty where nobody says what the type is made of."""
+    """Of `definition`: "ros1msg", "ros2msg" or "ros2idl"; empty where the type has no definition."""
     definition: bytes = field(default=b"", repr=False)
     """What the type is made of, followed by the types in it."""
     message_encoding: str = "cdr"
@@ -104,9 +104,9 @@ class MessageBlock:
         if len(blocks) == 1:
             return blocks[0]
         return MessageBlock(
-            np.concatenate([one.channels for one in blocks]),
-            np.concatenate([one.times_ns for one in blocks]),
-            np.concatenate([one.published_ns for one in blocks]),
-            np.concatenate([one.sequences for one in blocks]),
-            list(chain.from_iterable(one.payloads for one in blocks)),
+            np.concatenate([block.channels for block in blocks]),
+            np.concatenate([block.times_ns for block in blocks]),
+            np.concatenate([block.published_ns for block in blocks]),
+            np.concatenate([block.sequences for block in blocks]),
+            list(chain.from_iterable(block.payloads for block in blocks)),
         )

@@ -99,7 +99,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Where a chunk lies and what it says about itself."""
+    """Where a chunk lies and what it holds, as a ChunkIndex record states it."""
 
     offset: int
     """Of the record, from the start of the file, in bytes."""
@@ -119,7 +119,7 @@ class Chunk:
     indexed: bool = True
     """Whether the message indexes cover every message; if not, the chunk's own records have to be walked."""
     counts: Mapping[int, int] | None = None
-    """Channel to how many messages; None where nobody has counted yet."""
+    """Channel to how many messages; None where they have not been counted."""
 
     @property
     def end(self) -> int:
@@ -190,7 +190,7 @@ class AttachmentEntry:
     media_type: str
     log_time_ns: int
     create_time_ns: int
-    """0 where nobody knows."""
+    """0 where it is not known."""
     data_size: int
     offset: int
     length: int

@@ -65,8 +65,8 @@ class Rows:
     def sequences(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.uint32]:
         """Return the sequence numbers of some rows, [n]."""
         at = (self.starts[which] + _SEQUENCE_AT)[:, None] + np.arange(4)
-        found: npt.NDArray[np.uint32] = self.data[at].view("<u4").ravel()
-        return found
+        numbers: npt.NDArray[np.uint32] = self.data[at].view("<u4").ravel()
+        return numbers
 
     def number(self, sequence: npt.NDArray[np.uint32]) -> None:
         """Write a sequence number into each record, in place."""

@@ -131,7 +131,7 @@ class FileScan:
 
         Args:
             at: Where to start.
-            places: Where else records start, sorted: there it goes on behind what nobody can walk over.
+            places: Where else records start, sorted: the scan goes on there behind bytes that are no records.
         """
         self._walked.places = places
         while True:
@@ -166,7 +166,7 @@ class FileScan:
                 self._walked.take(opcode, at, length)
             except DamagedFileError as error:
                 if not self.salvages or opcode in (Opcode.CHUNK, Opcode.MESSAGE_INDEX):
-                    return error.what  # of those it is the length that is wrong: nobody knows where the next one is
+                    return error.what  # their length is wrong, so the place of the next record is unknown
                 self._lose(at, error.what, 0 if opcode in (Opcode.METADATA, Opcode.ATTACHMENT) else None)
             at = self._end = end
         return None
@@ -186,24 +186,24 @@ class FileScan:
         Args:
             verified: Where the last chunk that was already verified ends.
         """
-        found = self._walked.chunks
-        if not found or found[-1].compression == records.LOOSE or found[-1].end <= verified:
+        chunks = self._walked.chunks
+        if not chunks or chunks[-1].compression == records.LOOSE or chunks[-1].end <= verified:
             return
-        last = found[-1]
+        last = chunks[-1]
         try:
-            self._look_into(len(found) - 1)
+            self._look_into(len(chunks) - 1)
         except DamagedFileError as error:
             self._end = last.offset
             self._has_data_end = False
             self._losses = [loss for loss in self._losses if loss.offset < last.offset]
-            self._lose(last.offset, error.what, _known(last))
+            self._lose(last.offset, error.what, _message_count(last))
             self._walked.drop_last()
 
     def _look_inside(self, *, strict: bool = False) -> None:
-        """Open the chunks whose messages nobody has indexed, or that hold the records of channels we need.
+        """Open the chunks without message indexes, and those that hold the only records of channels.
 
         Args:
-            strict: Whether a damaged one is an error here, rather than when somebody reads it.
+            strict: Whether a damaged chunk is an error here, rather than when it is read.
         """
         walked = self._walked
         for position, chunk in enumerate(walked.chunks):
@@ -215,7 +215,7 @@ class FileScan:
             except DamagedFileError as error:
                 if strict:
                     raise
-                self._lose(chunk.offset, error.what, _known(chunk))
+                self._lose(chunk.offset, error.what, _message_count(chunk))
                 if self.salvages:
                     chunk = replace(chunk, counts={}, message_index_offsets={}, indexed=False)
                 walked.chunks[position] = replace(chunk, counts=chunk.counts or {})
@@ -266,8 +266,8 @@ class FileScan:
         )
 
 
-def _known(chunk: Chunk) -> int | None:
-    """Return how many messages a chunk has, if somebody has counted them."""
+def _message_count(chunk: Chunk) -> int | None:
+    """Return how many messages a chunk has, if they were counted."""
     return None if chunk.counts is None else sum(chunk.counts.values())
 
 
@@ -276,8 +276,8 @@ def _counted(index: FileIndex, message_count: int) -> tuple[Loss, ...]:
     uncounted = [loss for loss in index.losses if loss.messages is None]
     if len(uncounted) != 1:
         return index.losses
-    known = sum(loss.messages or 0 for loss in index.losses) + sum(index.message_counts.values())
-    missing = message_count - known
+    counted = sum(loss.messages or 0 for loss in index.losses) + sum(index.message_counts.values())
+    missing = message_count - counted
     return tuple(
         replace(loss, messages=missing) if loss is uncounted[0] and missing >= 0 else loss for loss in index.losses
     )

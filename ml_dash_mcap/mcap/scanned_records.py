@@ -84,7 +84,7 @@ class FileWindow:
 
 
 class ScannedRecords:
-    """Chunks and everything else that was come across.
+    """The chunks and all other records of a data section so far.
 
     The last chunk's maps grow in place; those of chunks before it stay as they are.
     """
@@ -146,10 +146,10 @@ class ScannedRecords:
         elif opcode == Opcode.ATTACHMENT:
             start = self._window.content(at, length, at_most=_ATTACHMENT_HEAD_BYTES)
             first = start.at
-            found = records.ATTACHMENT_HEAD.read(start, offset=at, length=PREFIX_BYTES + length)
-            if start.at - first + found.data_size + records.CRC_BYTES > length:
+            entry = records.ATTACHMENT_HEAD.read(start, offset=at, length=PREFIX_BYTES + length)
+            if start.at - first + entry.data_size + records.CRC_BYTES > length:
                 raise DamagedFileError(self._window.source.name, at, "an attachment that is longer than its record")
-            self.attachments.append(found)
+            self.attachments.append(entry)
         is_known = opcode in _IN_DATA or (opcode, length) == (BLOCK_OPCODE, 8)
         if not is_known and self.chunks and at == self.chunks[-1].indexes_end:
             self.doubt()  # it may have been a message index
@@ -162,20 +162,23 @@ class ScannedRecords:
                 last, message_index_offsets={}, message_index_length=0, indexed=False, counts=None
             )
 
-    def learn(self, position: int, found: ChunkScan) -> None:
+    def learn(self, position: int, scan: ChunkScan) -> None:
         """Take in what walking a chunk's own records brought to light.
 
         Args:
             position: Of the chunk among `chunks`.
-            found: What it did.
+            scan: What was found.
         """
-        for schema_id, schema in found.schemas.items():
+        for schema_id, schema in scan.schemas.items():
             self.schemas.setdefault(schema_id, schema)
-        for channel_id, channel in found.channels.items():
+        for channel_id, channel in scan.channels.items():
             self.channels.setdefault(channel_id, channel)
         chunk = self.chunks[position]
-        is_agreed = chunk.counts is None or {one: count for one, count in chunk.counts.items() if count} == found.counts
-        settled = _settled(replace(chunk, counts=found.counts))
+        is_agreed = (
+            chunk.counts is None
+            or {channel_id: count for channel_id, count in chunk.counts.items() if count} == scan.counts
+        )
+        settled = _settled(replace(chunk, counts=scan.counts))
         self.chunks[position] = replace(settled, indexed=settled.indexed and is_agreed)
 
     def settle(self) -> None:

@@ -38,13 +38,13 @@ class StoredChunk(NamedTuple):
 
 def channels(file: McapFile) -> dict[int, Connection]:
     """Return a file's channels, by their ids."""
-    found = {}
+    connections = {}
     for number, channel in sorted(file.index.channels.items()):
         schema = file.index.schema_of(channel)
         name, encoding, data = ("", "", b"") if schema is None else (schema.name, schema.encoding, schema.data)
         metadata = tuple(channel.metadata.items())
-        found[number] = Connection(channel.topic, name, encoding, data, channel.message_encoding, metadata)
-    return found
+        connections[number] = Connection(channel.topic, name, encoding, data, channel.message_encoding, metadata)
+    return connections
 
 
 def attachments(file: McapFile) -> Iterator[tuple[Iterator[bytes], AttachmentEntry]]:
@@ -74,10 +74,10 @@ def chunks(file: McapFile, wanted: Collection[int], start_ns: int = 0, end_ns: i
     done: set[int] = set()
     while True:
         try:
-            for found in _chunks(file, wanted, start_ns, end_ns, done):
-                done.add(found.chunk.offset)
-                if any(map(len, found.messages)):
-                    yield found
+            for stored in _chunks(file, wanted, start_ns, end_ns, done):
+                done.add(stored.chunk.offset)
+                if any(map(len, stored.messages)):
+                    yield stored
         except ReindexedError:
             continue
         return
@@ -120,17 +120,17 @@ def blocks(file: McapFile, wanted: Collection[int], start_ns: int = 0, end_ns: i
 
 def block_of(parts: list[Messages]) -> MessageBlock:
     """Return the messages of some channels of one chunk in the order in which they lie there."""
-    numbers = np.repeat([one.channel_id for one in parts], [len(one) for one in parts]).astype(np.int64)
-    offsets = np.concatenate([one.offsets for one in parts])
+    numbers = np.repeat([part.channel_id for part in parts], [len(part) for part in parts]).astype(np.int64)
+    offsets = np.concatenate([part.offsets for part in parts])
     order = np.argsort(offsets, kind="stable")
     data = memoryview(parts[0].data)
     starts = (offsets[order] + MESSAGE_HEAD_BYTES).tolist()
-    ends = np.concatenate([one.ends for one in parts])[order].tolist()
+    ends = np.concatenate([part.ends for part in parts])[order].tolist()
     return MessageBlock(
         numbers[order],
-        np.concatenate([one.times_ns for one in parts])[order],
-        np.concatenate([one.published_ns for one in parts])[order],
-        np.concatenate([one.sequences for one in parts])[order],
+        np.concatenate([part.times_ns for part in parts])[order],
+        np.concatenate([part.published_ns for part in parts])[order],
+        np.concatenate([part.sequences for part in parts])[order],
         [data[start:end] for start, end in zip(starts, ends, strict=True)],
     )
 
@@ -151,14 +151,14 @@ def in_pieces(block: MessageBlock) -> Iterator[MessageBlock]:
         first = last
 
 
-def joined(found: Iterator[MessageBlock], size: int) -> Iterator[MessageBlock]:
+def joined(blocks: Iterator[MessageBlock], size: int) -> Iterator[MessageBlock]:
     """Join short blocks until they have about as many bytes as a chunk."""
     waiting: list[MessageBlock] = []
     held = 0
-    for block in found:
+    for block in blocks:
         waiting.append(block)
         held += block.size
-        if held >= size or sum(len(one) for one in waiting) >= _MOST_MESSAGES:
+        if held >= size or sum(map(len, waiting)) >= _MOST_MESSAGES:
             yield MessageBlock.joined(waiting)
             waiting, held = [], 0
     if waiting:

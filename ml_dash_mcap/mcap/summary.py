@@ -39,7 +39,7 @@ _SMALL_BYTES = 64 * 1024
 """A summary up to this size is read whole at once."""
 
 
-def footer(source: ByteSource, size: int) -> Footer | None:
+def read_footer(source: ByteSource, size: int) -> Footer | None:
     """Return a file's footer, or None if the file has no end: it is being recorded, or was cut."""
     if size < _TAIL_BYTES + len(records.MAGIC):
         return None
@@ -53,7 +53,7 @@ def footer(source: ByteSource, size: int) -> Footer | None:
     return records.FOOTER.read(Fields(tail, source.name, start, PREFIX_BYTES))
 
 
-def read(source: ByteSource, size: int, header: Header, found: Footer, limits: Limits) -> FileIndex | None:
+def read(source: ByteSource, size: int, header: Header, footer: Footer, limits: Limits) -> FileIndex | None:
     """Build the index from the summary.
 
     Returns:
@@ -62,13 +62,13 @@ def read(source: ByteSource, size: int, header: Header, found: Footer, limits: L
     Raises:
         DamagedFileError: The summary contradicts itself.
     """
-    start, end = found.summary_start, size - _TAIL_BYTES
-    if not _is_plausible(found, size, limits):
+    start, end = footer.summary_start, size - _TAIL_BYTES
+    if not _is_plausible(footer, size, limits):
         return None
     data = source.read(start, size - len(records.MAGIC) - start)
     if len(data) != end + records.FOOTER_BYTES - start:
         raise DamagedFileError(source.name, start, "the file was cut while its summary was read")
-    if found.summary_crc and crc32(memoryview(data)[:-4]) != found.summary_crc:
+    if footer.summary_crc and crc32(memoryview(data)[:-4]) != footer.summary_crc:
         raise DamagedFileError(source.name, start, "a summary whose checksum (CRC-32) does not match its content")
     contents = SummaryContents(source.name)
     contents.take(memoryview(data)[: end - start], start)
@@ -77,7 +77,7 @@ def read(source: ByteSource, size: int, header: Header, found: Footer, limits: L
     return replace(contents.index(header, start), size=size) if contents.is_sufficient(limits) else None
 
 
-def glance(source: ByteSource, size: int, header: Header, found: Footer, limits: Limits) -> Glance | None:
+def glance(source: ByteSource, size: int, header: Header, footer: Footer, limits: Limits) -> Glance | None:
     """Read a long summary without its chunk indexes, so that opening a file costs the same however long it is.
 
     What it says is not verified: the checksum is that of the whole summary.
@@ -85,8 +85,8 @@ def glance(source: ByteSource, size: int, header: Header, found: Footer, limits:
     Returns:
         None where the summary is short, or does not say where its groups are: it is to be read as a whole.
     """
-    start, end, groups_at = found.summary_start, size - _TAIL_BYTES, found.summary_offset_start
-    if not _is_plausible(found, size, limits) or not start < groups_at <= end:
+    start, end, groups_at = footer.summary_start, size - _TAIL_BYTES, footer.summary_offset_start
+    if not _is_plausible(footer, size, limits) or not start < groups_at <= end:
         return None
     if end - start <= _SMALL_BYTES or end - groups_at > _SMALL_BYTES:
         return None
@@ -115,32 +115,32 @@ def glance(source: ByteSource, size: int, header: Header, found: Footer, limits:
     )
 
 
-def read_all(source: ByteSource, size: int, found: Footer, limits: Limits) -> SummaryContents:
+def read_all(source: ByteSource, size: int, footer: Footer, limits: Limits) -> SummaryContents:
     """Return everything that a summary says, true or not.
 
     Raises:
         DamagedFileError: It cannot be parsed, or its checksum does not match.
     """
-    start, end = found.summary_start, size - _TAIL_BYTES
-    said = SummaryContents(source.name)
-    if not _is_plausible(found, size, limits):
+    start, end = footer.summary_start, size - _TAIL_BYTES
+    contents = SummaryContents(source.name)
+    if not _is_plausible(footer, size, limits):
         raise DamagedFileError(source.name, end, "the footer says that it starts where it cannot")
     data = source.read(start, size - len(records.MAGIC) - start)
-    if found.summary_crc and crc32(memoryview(data)[:-4]) != found.summary_crc:
+    if footer.summary_crc and crc32(memoryview(data)[:-4]) != footer.summary_crc:
         raise DamagedFileError(source.name, start, "its checksum (CRC-32) does not match its content")
     data = data[: end - start]
-    said.take(memoryview(data), start)
-    said.chunks = said.indexes.chunks(start)
+    contents.take(memoryview(data), start)
+    contents.chunks = contents.indexes.chunks(start)
     for opcode, at, fields in split_records(data, source.name, start):
         if opcode == Opcode.SUMMARY_OFFSET:
-            said.offsets.append(records.SUMMARY_OFFSET.read(fields))
+            contents.offsets.append(records.SUMMARY_OFFSET.read(fields))
         length = PREFIX_BYTES + fields.end - fields.start
-        last = said.groups[-1] if said.groups else None
+        last = contents.groups[-1] if contents.groups else None
         if last is not None and last[0] == opcode:
-            said.groups[-1] = (opcode, last[1], last[2] + length)
+            contents.groups[-1] = (opcode, last[1], last[2] + length)
         else:
-            said.groups.append((opcode, at, length))
-    return said
+            contents.groups.append((opcode, at, length))
+    return contents
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,17 +154,17 @@ class Clues:
 
     def agree_with(self, index: FileIndex) -> bool:
         """Whether a walk found as many messages of each channel as the statistics say."""
-        said = self.statistics
-        if said is None or not said.channel_message_counts:
+        statistics = self.statistics
+        if statistics is None or not statistics.channel_message_counts:
             return True
-        return positive(said.channel_message_counts) == positive(index.message_counts)
+        return positive(statistics.channel_message_counts) == positive(index.message_counts)
 
 
-def clues(source: ByteSource, size: int, found: Footer, limits: Limits) -> Clues:
-    """Take from a summary what can be taken from it, for whoever walks over damage."""
-    if not _is_plausible(found, size, limits):
+def clues(source: ByteSource, size: int, footer: Footer, limits: Limits) -> Clues:
+    """Return what a summary tells a scan that steps over damage, although it may be wrong."""
+    if not _is_plausible(footer, size, limits):
         return Clues([], None)
-    start = found.summary_start
+    start = footer.summary_start
     contents = SummaryContents(source.name)
     with suppress(DamagedFileError):
         contents.take(memoryview(source.read(start, size - _TAIL_BYTES - start)), start)
@@ -174,18 +174,18 @@ def clues(source: ByteSource, size: int, found: Footer, limits: Limits) -> Clues
     return Clues(sorted(places), contents.statistics)
 
 
-def _is_plausible(found: Footer, size: int, limits: Limits) -> bool:
-    return found.summary_start > 0 and 0 < size - _TAIL_BYTES - found.summary_start <= limits.summary_bytes
+def _is_plausible(footer: Footer, size: int, limits: Limits) -> bool:
+    return footer.summary_start > 0 and 0 < size - _TAIL_BYTES - footer.summary_start <= limits.summary_bytes
 
 
 def _groups(data: memoryview, path: str, base: int) -> list[tuple[int, int, int]]:
     """Return the opcode, offset and length of each group of a summary."""
-    found = [
+    offsets = [
         records.SUMMARY_OFFSET.read(fields)
         for opcode, _, fields in split_records(data, path, base)
         if opcode == Opcode.SUMMARY_OFFSET
     ]
-    return [(one.opcode, one.start, one.length) for one in found]
+    return [(offset.opcode, offset.start, offset.length) for offset in offsets]
 
 
 Entry = TypeVar("Entry", MetadataEntry, AttachmentEntry)
@@ -203,9 +203,9 @@ class SummaryContents:
     attachments: list[AttachmentEntry] = field(default_factory=list)
     statistics: Statistics | None = None
     offsets: list[SummaryOffset] = field(default_factory=list)
-    """What the summary offset section says, if somebody asked for it."""
+    """The summary offset section; only `read_all` fills it."""
     groups: list[tuple[int, int, int]] = field(default_factory=list)
-    """Opcode, start and length of each group of records of one kind, if somebody asked for it."""
+    """Opcode, start and length of each group of records of one kind; only `read_all` fills it."""
     indexes: ChunkIndexes = field(init=False)
     """Of the chunks; `chunks` is what they say."""
 
@@ -213,7 +213,7 @@ class SummaryContents:
         self.indexes = ChunkIndexes(self.path)
 
     def take(self, data: memoryview, start: int) -> None:
-        """Take in records; `start` is where in the file they do.
+        """Take in records; `start` is where in the file they start.
 
         Raises:
             DamagedFileError: A record contradicts itself.
@@ -233,10 +233,10 @@ class SummaryContents:
                 self.statistics = records.STATISTICS.read(fields)
 
     def check_apart(self, end: int) -> None:
-        """Sort what is in the file by where it lies, and check that nothing does twice, nor behind `end`.
+        """Sort everything by where it lies in the file, and check that nothing overlaps or lies behind `end`.
 
         Raises:
-            DamagedFileError: Something does: a small file could say any number of times what one long record says.
+            DamagedFileError: Something does. Otherwise a small file could name one long record any number of times.
         """
         self.metadata = _in_order(self.metadata)
         self.attachments = _in_order(self.attachments)
@@ -273,9 +273,13 @@ class SummaryContents:
 
     def is_sufficient(self, limits: Limits) -> bool:
         """Whether it says enough to find every message, channel, metadata record and attachment."""
-        said = self.statistics
+        statistics = self.statistics
         room = chunk_table.unpacked_bytes(self.chunks, limits.chunk_bytes)
-        if said is None or said.chunk_count != len(self.chunks) or said.message_count * MESSAGE_HEAD_BYTES > room:
+        if (
+            statistics is None
+            or statistics.chunk_count != len(self.chunks)
+            or statistics.message_count * MESSAGE_HEAD_BYTES > room
+        ):
             return False
         return (
             chunk_table.channels(self.chunks) <= set(self.channels) and self.knows_channels() and self.knows_entries()
@@ -291,10 +295,10 @@ class SummaryContents:
 
     def knows_entries(self) -> bool:
         """Whether all metadata records and attachments are known."""
-        said = self.statistics
-        if said is None:
+        statistics = self.statistics
+        if statistics is None:
             return False
-        return (said.metadata_count, said.attachment_count) == (len(self.metadata), len(self.attachments))
+        return (statistics.metadata_count, statistics.attachment_count) == (len(self.metadata), len(self.attachments))
 
 
 def positive(counts: Mapping[int, int]) -> dict[int, int]:

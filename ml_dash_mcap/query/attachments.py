@@ -42,15 +42,15 @@ class Attachment:
 class Attachments(Lookup[Attachment]):
     """Names, sorted, to attachments; of several of one name, the one that was written last."""
 
-    def __init__(self, found: Sequence[Attachment]) -> None:
-        """Name what was found, in the order of writing."""
-        by_name = {one.name: one for one in found}
+    def __init__(self, attachments: Sequence[Attachment]) -> None:
+        """Give attachments, which are in the order of writing, by their names."""
+        by_name = {attachment.name: attachment for attachment in attachments}
         super().__init__("attachment", sorted(by_name), by_name.__getitem__)
-        self._found = tuple(found)
+        self._attachments = tuple(attachments)
 
     def list(self) -> list[Attachment]:
         """Return all of them, in the order of writing, those of one name too."""
-        return list(self._found)
+        return list(self._attachments)
 
 
 def find(files: Sequence[McapFile]) -> Attachments:
@@ -61,8 +61,8 @@ def find(files: Sequence[McapFile]) -> Attachments:
     """
     return Attachments(
         [
-            Attachment(one.name, one.media_type, clock.to_seconds(one.log_time_ns), one.data_size, file, one)
+            Attachment(entry.name, entry.media_type, clock.to_seconds(entry.log_time_ns), entry.data_size, file, entry)
             for file in files
-            for one in sorted(attachment_records.entries(file), key=lambda one: one.offset)
+            for entry in sorted(attachment_records.entries(file), key=lambda entry: entry.offset)
         ]
     )
