@@ -34,6 +34,10 @@ class RecorderOptions:
     chunk_bytes: int = 3 * MIB // 2
     """Size of a journal buffer, and so of an uncompressed chunk, in bytes (64 KiB to 4 MB: the viewers' limits)."""
 
+    encoding: str = "json"
+    """What the rows of tracks are encoded in, where `topic(encoding=...)` says nothing else: "json", which every viewer
+    reads."""
+
     compression: Compression = "zstd"
     """What chunks are compressed with."""
 
@@ -72,6 +76,7 @@ class RecorderOptions:
             _check_kind(name, getattr(self, name), (int,), "a whole number")
         for name in ("compression_level", "batch_rows"):
             _check_kind(name, getattr(self, name), (int, type(None)), "a whole number or None")
+        _check_kind("encoding", self.encoding, (str,), "the name of an encoding")
         _check(isinstance(self.buffered, bool), "buffered", self.buffered, "True or False")
         _check_kind("journal_dir", self.journal_dir, (str, os.PathLike, type(None)), "a path or None")
         _check(self.flush_interval_s > 0, "flush_interval_s", self.flush_interval_s, "more than 0 s")

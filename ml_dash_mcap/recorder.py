@@ -25,6 +25,7 @@ from .capture.sink_threads import SinkThreads
 from .capture.stats import Stats
 from .capture.topic_registry import TopicAbout, TopicRegistry
 from .capture.writer import Writer
+from .codecs import registry
 from .errors import PrefixError, StorageError, TopicError, UsageError
 from .file_names import PARAMETERS_RECORD, TRACK
 from .inspect.earlier_run import own_clock_until
@@ -81,8 +82,9 @@ class Recorder:
         if unknown:
             raise misplaced("Recorder", unknown, arguments_of(Recorder))
         check_options(options)
-        self.path = _make_folder(path)
         self.options = options if options is not None else RecorderOptions.from_environment()
+        registry.to_record(self.options.encoding)
+        self.path = _make_folder(path)
         self.session = uuid.uuid4().hex[:16]
         """Names this opening of the recording; `run` in the metadata."""
         stamping = stamper(timestamps)
@@ -91,7 +93,7 @@ class Recorder:
         about = self._about(prefix, metadata or {})
         self._journal = Journal(JournalFiles(self.path, self.session, self.options, about), self.options)
         stamping.journal = self._journal
-        self._registry = TopicRegistry(self._journal)
+        self._registry = TopicRegistry(self._journal, self.options.encoding)
         self._context = TopicContext(self, self._journal, stamping)
         try:
             self._start(SessionInfo(self.path, about), sinks)
@@ -141,6 +143,7 @@ class Recorder:
         joint_names: Sequence[str] | None = None,
         frame_id: str | None = None,
         quat_order: str | None = None,
+        encoding: str | None = None,
     ) -> Topic:
         """Return a topic, the same object for the same name.
 
@@ -154,19 +157,21 @@ class Recorder:
             joint_names: Of the elements of joint angles, velocities and torques.
             frame_id: What positions, orientations and vectors are relative to.
             quat_order: "xyzw" or "wxyz", of all quaternions of the topic.
+            encoding: What its rows are encoded in, "json" or "cbor"; the recorder's option by default.
 
         Raises:
-            TopicError: The name is empty, too long, or not text.
+            TopicError: The name is empty, too long, or not text, or the topic is open in another encoding.
             FieldError: What is said of it is not what it should be.
+            OptionError: Rows cannot be recorded in that encoding.
             StateError: The recorder is closed.
         """
         topic: Topic | None = self._registry.get(TRACK, name) if isinstance(name, str) else None
         told = (description, tags, metadata, units, joint_names, frame_id, quat_order)
-        if topic is not None and told == NOTHING_SAID:
+        if topic is not None and told == NOTHING_SAID and encoding in (None, topic.encoding):
             return topic
         check_topic(name)
         more = collect(units, joint_names, frame_id, quat_order)
-        about = TopicAbout(description=description, tags=tags, metadata=metadata, more=more)
+        about = TopicAbout(description=description, tags=tags, metadata=metadata, more=more, encoding=encoding)
         return open_topic(self, name, TRACK, Topic, about)
 
     def topics(self) -> list[str]:
@@ -275,12 +280,15 @@ def open_topic(recorder: Recorder, name: str, kind: str, cls: type[T], about: To
         about: What is told about it.
 
     Raises:
-        TopicError: The topic is open with another class.
+        TopicError: The topic is open with another class, or in another encoding.
+        OptionError: Rows cannot be recorded in its encoding.
         StateError: The recorder is closed.
     """
     topic = recorder._registry.open(name, kind, lambda info: cls(recorder._context, info), about)
     if not isinstance(topic, cls):
         raise TopicError(f"topic {name!r} is open as a {type(topic).__name__} already")
+    if about.encoding not in (None, topic.encoding):
+        raise TopicError(f"topic {name!r} is open in the encoding {topic.encoding!r} already, not {about.encoding!r}")
     return topic
 
 

@@ -12,11 +12,11 @@ from . import clock
 from .capture.channels import ChannelInfo
 from .capture.event_times import WALL_STAMPED
 from .capture.journal import Journal
+from .codecs import json
 from .errors import FieldError, TopicError, UsageError
 from .file_names import OWN_TOPICS
 from .mcap.message_records import MESSAGE_OPCODE
 from .rows.encode import EXACT_KEY, TIME_KEY
-from .rows.json_text import dumps, exact, row_value
 from .timestamps import MISSING, Stamper
 
 _MAX_TOPIC_BYTES = 1024
@@ -61,14 +61,21 @@ class Topic:
     Any thread may call any method. Made by `Recorder.topic`.
     """
 
-    __slots__ = ("__weakref__", "_context", "_head", "_journal", "_probe", "name")
+    __slots__ = ("__weakref__", "_codec", "_context", "_default", "_dumps", "_head", "_journal", "_probe", "name")
 
     def __init__(self, context: TopicContext, channel: ChannelInfo) -> None:
         self.name = channel.topic
         self._context = context
         self._journal = context.journal
         self._head = struct.pack("<HI", channel.number, 0)
-        self._probe = b"n"[0]
+        self._codec = channel.codec or json.CODEC
+        self._dumps, self._default = self._codec.dumps, self._codec.default
+        self._probe = self._codec.probe
+
+    @property
+    def encoding(self) -> str:
+        """What its rows are encoded in."""
+        return self._codec.message_encoding
 
     def __repr__(self) -> str:
         state = "closed" if self._context.recorder.closed else "recording"
@@ -108,12 +115,12 @@ class Topic:
             _ts = self._time(_ts)
         fields[TIME_KEY] = _ts
         try:
-            payload = dumps(fields, row_value)
+            payload = self._dumps(fields, self._default)
         except Exception:
-            payload = exact(fields, self.name)
+            payload = self._codec.encode_exactly(fields, self.name)
         else:
             if self._probe in payload:
-                payload = self._recheck(payload, fields)
+                payload, self._probe = self._codec.recheck(payload, fields, self.name, self._probe)
         whole = int(_ts)
         time_ns = whole * 1_000_000_000 + int((_ts - whole) * 1e9 + 0.5)
         length = len(payload) + 22
@@ -211,12 +218,12 @@ class Topic:
         """Return a Message record without its opcode; `fields` gets the time stamp."""
         fields[TIME_KEY] = time_s
         try:
-            payload = dumps(fields, row_value)
+            payload = self._dumps(fields, self._default)
         except Exception:
-            payload = exact(fields, self.name)
+            payload = self._codec.encode_exactly(fields, self.name)
         else:
             if self._probe in payload:
-                payload = self._recheck(payload, fields)
+                payload, self._probe = self._codec.recheck(payload, fields, self.name, self._probe)
         time_ns = clock.to_nanoseconds(time_s) if time_ns is None else time_ns
         return _pack_tail(len(payload) + 22, self._head if head is None else head, time_ns, time_ns) + payload
 
@@ -254,17 +261,6 @@ class Topic:
     def _with_timestamp_field(self, timestamp: Any, fields: dict[str, Any]) -> dict[str, Any]:
         """Take a field that is called `timestamp`; users of an Experiment may not have one."""
         return {"timestamp": timestamp, **fields}
-
-    def _recheck(self, payload: bytes, fields: dict[str, Any]) -> bytes:
-        """Look closer at a payload that may have a null in it, where orjson writes None but also NaN and infinities.
-
-        Searching for `null` takes longer than encoding a row, for one byte a fiftieth of that. So a byte of `null`
-        that the topic's rows do not have otherwise is looked for, and changed when a row has it.
-        """
-        if b"null" in payload:
-            return exact(fields, self.name)
-        self._probe = next((byte for byte in b"nul" if byte not in payload), self._probe)
-        return payload
 
 
 class MessageTopic(Topic):

@@ -144,7 +144,8 @@ def test_an_event_that_cannot_be_moved_costs_nothing_else(
     with caplog.at_level(logging.WARNING), Experiment("a/b", root=tmp_path).run as exp:
         exp.log("first")
         exp.log("second")
-        exp.tracks("robot").append(n=0, _ts=5.0)
+        exp.tracks("robot").append(n=0, _ts=5.0).flush()
+        assert exp.stats()["fallbacks"] == {"moving an event to the tracks' clock": 1}
     assert exp.run.status == "completed"
     at = {row["message"]: row["_ts"] for row in disk.rows(exp.path)["ml_dash/log"]}
     assert at["first"] == 5.0

@@ -42,6 +42,7 @@ FLOORS: list[set[str]] = [
 
 HEAVY = {
     "pyarrow": {"rows", "codecs", "query", "formats", "selection", "topic_reader", "alignment"},
+    "cbor2": {"codecs.cbor"},
     "rosbags": {"codecs.ros.standard_types", "formats.ros.translate"},
     "ruamel": {"formats.ros.yaml_text"},
     "google": {"codecs.protobuf"},

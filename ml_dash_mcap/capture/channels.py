@@ -1,14 +1,14 @@
-"""What is fixed about a topic when it is opened: its number, kind, metadata, and its schema if it is not inferred."""
+"""What is fixed about a topic when it is opened: its number, kind, metadata, encoding, and perhaps its schema."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
+from ..codecs import json
+from ..codecs.codec import Codec
 from ..file_names import KIND_KEY
 from ..mcap.records import CHANNEL, SCHEMA, Channel, Schema
-from ..rows import schema as schemas
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,18 +22,37 @@ class ChannelInfo:
     """track, log, metric or file; only the rows of tracks merge."""
     metadata: Mapping[str, str] = field(default_factory=dict)
     """The channel's metadata besides its kind."""
-    schema: Mapping[str, Any] | None = None
+    schema: bytes | None = None
     """None: inferred from the rows."""
     schema_name: str | None = None
     """None: the topic's name."""
+    codec: Codec | None = json.CODEC
+    """None in a recovery where the encoding is not known, or its package is not installed: rows stay as they are."""
+    message_encoding: str = ""
+    schema_encoding: str = ""
+    """Those of the codec, if there is one."""
+
+    def __post_init__(self) -> None:
+        if self.codec is not None:
+            object.__setattr__(self, "message_encoding", self.codec.message_encoding)
+            object.__setattr__(self, "schema_encoding", self.codec.schema_encoding)
+
+    @property
+    def is_inferred(self) -> bool:
+        """Whether the schema is inferred from the rows."""
+        return self.schema is None and self.codec is not None
+
+    def first_schema(self) -> bytes:
+        """Return the schema before the first row, by which a recovery tells that it is to be inferred."""
+        if self.schema is not None or self.codec is None:
+            return self.schema or b""
+        return self.codec.schema(None, self.topic)
 
     def channel_record(self) -> bytes:
         """Return the Channel record."""
         metadata = {KIND_KEY: self.kind, **self.metadata}
-        return CHANNEL.pack(Channel(self.number, self.number, self.topic, "json", metadata))
+        return CHANNEL.pack(Channel(self.number, self.number, self.topic, self.message_encoding, metadata))
 
-    def schema_record(self, schema: Mapping[str, Any] | None, reserve: int = 0) -> bytes:
-        """Return the Schema record; its text is padded to `reserve` bytes."""
-        said = schema or self.schema or {"type": "object", "title": self.topic}
-        data = schemas.to_bytes(dict(said), reserve)
-        return SCHEMA.pack(Schema(self.number, self.schema_name or self.topic, "jsonschema", data))
+    def schema_record(self, schema: bytes) -> bytes:
+        """Return the Schema record of a schema in the channel's schema encoding."""
+        return SCHEMA.pack(Schema(self.number, self.schema_name or self.topic, self.schema_encoding, schema))

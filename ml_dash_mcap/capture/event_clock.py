@@ -14,6 +14,8 @@ import numpy.typing as npt
 from .. import clock
 from ..mcap.row_arrays import Rows
 from . import event_times
+from .channels import ChannelInfo
+from .fallbacks import Fallbacks
 
 _log = logging.getLogger("ml_dash_mcap")
 
@@ -28,16 +30,26 @@ class EventClock:
     Used by the writer thread only.
     """
 
-    def __init__(self, folder: Path, about: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        about: Mapping[str, str],
+        channels: Mapping[int, ChannelInfo],
+        fallbacks: Fallbacks,
+    ) -> None:
         """Begin without a row of a track.
 
         Args:
             folder: The run's folder, for the log.
             about: The constant part of the `ml_dash` metadata record.
+            channels: The topics by number; others may add to it meanwhile.
+            fallbacks: Counts the events whose time cannot be moved.
         """
         self.clock = UNKNOWN_CLOCK
         """epoch, relative (starts near 0), mixed or unknown: how the tracks' time stamps look."""
         self._folder = folder
+        self._channels = channels
+        self._fallbacks = fallbacks
         self._last_event_ns = _begin_ns(about)
         """A time of the wall clock at which there was no row of a track yet, until there is one."""
 
@@ -63,7 +75,7 @@ class EventClock:
             return rows, False
         if not event_times.are_elsewhere(rows, is_track, is_stamped, self._last_event_ns, time.time_ns()):
             return rows, False
-        return event_times.follow(rows, is_track, is_stamped), True
+        return event_times.follow(rows, is_track, is_stamped, self._channels, self._fallbacks), True
 
     def _look(self, times: npt.NDArray[np.int64]) -> None:
         """Note how the time stamps of tracks look, [N], ns."""

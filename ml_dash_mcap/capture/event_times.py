@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import logging
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 
 from .. import clock
-from ..codecs import json_merge as merge
 from ..mcap.row_arrays import Rows, replaced
+from .channels import ChannelInfo
+from .fallbacks import Fallbacks
 from .tracks_clock import NOW_S
 
 WALL_STAMPED = 1
@@ -17,8 +18,6 @@ WALL_STAMPED = 1
 there; the true number is given when it goes to the file."""
 
 _NOW_NS = int(NOW_S * clock.NS_PER_S)
-
-_log = logging.getLogger("ml_dash_mcap")
 
 Flags = npt.NDArray[np.bool_]
 
@@ -49,18 +48,30 @@ def are_elsewhere(rows: Rows, is_track: Flags, is_stamped: Flags, since_ns: int,
     return not bool(((times >= low - _NOW_NS) & (times <= high + _NOW_NS)).any())
 
 
-def follow(rows: Rows, is_track: Flags, is_stamped: Flags) -> Rows:
+def follow(
+    rows: Rows, is_track: Flags, is_stamped: Flags, channels: Mapping[int, ChannelInfo], fallbacks: Fallbacks
+) -> Rows:
     """Give each stamped event the time of the row of a track before it, or of the first one where there is none.
 
-    Nothing of an event but its time is changed. One whose time cannot be changed keeps it, and a warning tells.
+    Nothing of an event but its time is changed. An event whose time cannot be moved keeps it, and is counted: an event
+    at the wrong time is worth less than a writer that goes on.
+
+    Args:
+        rows: The first ones of tracks, with the events around them, in the order in which they were appended.
+        is_track: Which are rows of tracks, one at least, [N].
+        is_stamped: Which are events at the wall clock's times, [N].
+        channels: The topics by number.
+        fallbacks: Counts the events whose time cannot be moved.
     """
     tracks = np.flatnonzero(is_track)
     payloads: dict[int, tuple[int, bytes]] = {}
     for row in np.flatnonzero(is_stamped).tolist():
         at = tracks[max(int(np.searchsorted(tracks, row)) - 1, 0)]
         time_ns = int(rows.times[at])
+        codec = channels[int(rows.channels[row])].codec
         try:
-            payloads[row] = (time_ns, merge.with_time(rows.payload(row), clock.to_seconds(time_ns)))
-        except Exception as error:  # an event at the wrong time is worth less than a writer that goes on
-            _log.warning("an event of the recording keeps its wall-clock time: %r", error)
+            if codec is not None:
+                payloads[row] = (time_ns, codec.with_time(rows.payload(row), clock.to_seconds(time_ns)))
+        except Exception as error:
+            fallbacks.note("moving an event to the tracks' clock", error, "the event keeps its wall-clock time")
     return replaced(rows, np.ones(len(rows), np.bool_), payloads) if payloads else rows

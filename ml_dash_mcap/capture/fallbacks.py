@@ -21,12 +21,18 @@ class Fallbacks:
         """How often a fast way failed, by what it was for."""
         self._folder = folder
 
-    def note(self, what: str, error: Exception) -> None:
-        """Count a failure, and log the first of its kind. No such failure may stop the writer."""
+    def note(self, what: str, error: Exception, instead: str = "is done a slower way") -> None:
+        """Count a failure, and log the first of its kind. No such failure may stop the writer.
+
+        Args:
+            what: What failed.
+            error: Why.
+            instead: What happens now.
+        """
         if what not in self.counts:
             _log.warning(
-                "%s failed in %s, and is done a slower way; stats()['fallbacks'] counts how often",
-                *(what, self._folder),
+                "%s failed in %s, and %s; stats()['fallbacks'] counts how often",
+                *(what, self._folder, instead),
                 exc_info=error,
             )
         self.counts[what] = self.counts.get(what, 0) + 1

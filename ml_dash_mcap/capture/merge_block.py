@@ -6,15 +6,12 @@ Rows of different blocks are left to the reader: a recovery knows blocks by thei
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from itertools import chain
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
-import orjson
 
-from ..codecs import json_merge as merge
-from ..codecs.json_skeleton import UNKNOWN
+from ..codecs.codec import UNKNOWN_FORM, Codec
 from ..mcap.message_records import MESSAGE_HEAD_BYTES
 from ..mcap.row_arrays import Rows, replaced
 
@@ -28,7 +25,7 @@ _PAUSE_S = 2e-5
 
 def merge_same_time(
     rows: Rows,
-    mergeable: npt.NDArray[np.bool_],
+    codecs: Mapping[int, Codec],
     forms: npt.NDArray[np.int32],
     keys_of: Callable[[int, int], frozenset[str]],
     note: Callable[[int, list[int], bool], None] = lambda channel, same, is_disjoint: None,
@@ -37,12 +34,12 @@ def merge_same_time(
 
     Args:
         rows: In the order in which they were appended.
-        mergeable: By channel id, whether its rows merge (metrics and logs do not).
+        codecs: By channel id, the codec of the channels whose rows merge (those of metrics and logs do not).
         forms: The form of each row, [N].
         keys_of: Gives the top-level keys of a channel's form.
         note: Called with the channel, the numbers of the rows that become one, and whether no field is in two of them.
     """
-    groups = _groups(rows, mergeable)
+    groups = _groups(rows, codecs)
     if not groups:
         return rows
     payloads: dict[int, tuple[int, bytes]] = {}
@@ -54,24 +51,25 @@ def merge_same_time(
     for count, group in enumerate(groups):
         if count % _SLICE == _SLICE - 1:
             time.sleep(_PAUSE_S)
+        codec = codecs[channels[group[0]]]
         encoded = [bytes(block[starts[row] : ends[row]]) for row in group]
-        cuts = merge.cut(encoded)
-        for places in merge.split_by_time(encoded, cuts):
+        cuts = codec.cut(encoded)
+        for places in _same_times(codec, encoded, cuts):
             same = group if len(places) == len(group) else [group[place] for place in places]
             parts = encoded if same is group else [encoded[place] for place in places]
             key = (channels[same[0]], *[form_numbers[row] for row in same])
             is_disjoint = disjoint.get(key)
             if is_disjoint is None:
-                is_disjoint = UNKNOWN not in key[1:]
+                is_disjoint = UNKNOWN_FORM not in key[1:]
                 if is_disjoint:
                     is_disjoint = _are_disjoint([keys_of(key[0], form) for form in key[1:]])
                 disjoint[key] = is_disjoint
             if not is_disjoint and sum(map(len, parts)) > _MOST_BYTES:
                 continue
             if is_disjoint:
-                joined = merge.join_disjoint(parts, cuts if same is group else merge.cut(parts))
+                joined = codec.join_disjoint(parts, cuts if same is group else [cuts[place] for place in places])
             else:
-                joined = merge.join(parts)
+                joined = codec.join(parts)
             note(key[0], same, is_disjoint)
             payloads[same[0]] = (times[same[0]], joined)
             dropped += same[1:]
@@ -84,7 +82,7 @@ def merge_same_time(
 
 def merge_each(
     rows: Rows,
-    mergeable: npt.NDArray[np.bool_],
+    codecs: Mapping[int, Codec],
     on_failure: Callable[[Exception], None],
     note: Callable[[int, list[int], bool], None],
 ) -> Rows:
@@ -92,37 +90,49 @@ def merge_each(
 
     Args:
         rows: In the order in which they were appended.
-        mergeable: By channel id, whether its rows merge.
+        codecs: By channel id, the codec of the channels whose rows merge.
         on_failure: Told what kept rows of one time from being merged.
         note: As that of `merge_same_time`.
     """
     payloads: dict[int, tuple[int, bytes]] = {}
     keep = np.ones(len(rows), np.bool_)
-    for group in _groups(rows, mergeable):
+    for group in _groups(rows, codecs):
         try:
+            codec = codecs[int(rows.channels[group[0]])]
             encoded = [rows.payload(row) for row in group]
-            for places in merge.split_by_time(encoded, merge.cut(encoded)):
+            for places in _same_times(codec, encoded, codec.cut(encoded)):
                 same = [group[place] for place in places]
                 parts = [encoded[place] for place in places]
                 if sum(map(len, parts)) > _MOST_BYTES:
                     continue
-                keys = list(chain.from_iterable(orjson.loads(part) for part in parts))
-                payloads[same[0]] = (int(rows.times[same[0]]), merge.join(parts))
+                is_disjoint = _are_disjoint([codec.keys_of(part) for part in parts])
+                payloads[same[0]] = (int(rows.times[same[0]]), codec.join(parts))
                 keep[same[1:]] = False
-                note(int(rows.channels[same[0]]), same, len(set(keys)) == len(keys) - len(parts) + 1)
+                note(int(rows.channels[same[0]]), same, is_disjoint)
         except Exception as error:
             on_failure(error)
     return replaced(rows, keep, payloads) if payloads else rows
 
 
-def _groups(rows: Rows, mergeable: npt.NDArray[np.bool_]) -> list[list[int]]:
+def _same_times(codec: Codec, payloads: Sequence[bytes], cuts: Sequence[int]) -> list[list[int]]:
+    """Return which encoded rows have exactly the same time stamp, two or more, each by its place, in order."""
+    tail = payloads[0][cuts[0] :]
+    if all(payload[at:] == tail for payload, at in zip(payloads, cuts, strict=True)):
+        return [list(range(len(payloads)))]
+    by_time: dict[float, list[int]] = {}
+    for place, payload in enumerate(payloads):
+        by_time.setdefault(codec.time_of(payload), []).append(place)
+    return [same for same in by_time.values() if len(same) > 1]
+
+
+def _groups(rows: Rows, codecs: Mapping[int, Codec]) -> list[list[int]]:
     """Return the rows that share topic and nanosecond, two or more, in the order in which they were appended."""
     order = np.lexsort((rows.times, rows.channels))
     channels = rows.channels[order]
     same = (np.diff(rows.times[order]) == 0) & (channels[1:] == channels[:-1])
     if not same.any():
         return []
-    same &= mergeable[channels[1:]]
+    same &= np.isin(channels[1:], list(codecs))
     return list(_runs(order, same))
 
 

@@ -12,13 +12,13 @@ import numpy.typing as npt
 from ..file_names import TRACK
 from ..mcap.record_layout import PREFIX_BYTES, Fields
 from ..mcap.records import METADATA, Metadata
-from ..mcap.row_arrays import Rows, SealedBuffer, pack
+from ..mcap.row_arrays import Rows, SealedBuffer, by_channel, pack
 from .channels import ChannelInfo
 from .event_clock import EventClock
 from .fallbacks import Fallbacks
 from .merge_block import merge_each, merge_same_time
 from .prepared_block import PreparedBlock
-from .row_forms import Forms, RowForms, by_channel
+from .row_forms import Forms, RowForms
 from .time_steps import TimeSteps
 
 
@@ -62,7 +62,7 @@ class BlockPreparer:
         """What time stepping back did to each topic."""
         self._channels = channels
         self._forms = RowForms(channels, self.fallbacks)
-        self._event_clock = EventClock(folder, about)
+        self._event_clock = EventClock(folder, about, channels, self.fallbacks)
         self._sequences: dict[int, int] = dict(progress.sequences)
         self._next_block = progress.next_block
         self._begun: tuple[SealedBuffer, Rows, bool] | None = None
@@ -79,7 +79,7 @@ class BlockPreparer:
             self.steps.look(rows, tracks)
             self._begun = (block, rows, is_elsewhere)
         _, rows, is_elsewhere = self._begun
-        merged = self._merge(rows, tracks, self._forms.of_block(rows))
+        merged = self._merge(rows, self._forms.of_block(rows))
         ends = self._number(merged)
         channels = {number: self._channels[number] for number in ends}
         topics = {number: channel.topic for number, channel in channels.items()}
@@ -107,18 +107,22 @@ class BlockPreparer:
             tracks[number] = info.kind == TRACK
         return tracks
 
-    def _merge(self, rows: Rows, tracks: npt.NDArray[np.bool_], forms: Forms) -> Rows:
+    def _merge(self, rows: Rows, forms: Forms) -> Rows:
+        infos = list(self._channels.items())
+        codecs = {number: info.codec for number, info in infos if info.kind == TRACK and info.codec is not None}
         notes: list[tuple[int, list[int], bool]] = []
         try:
-            merged = merge_same_time(rows, tracks, forms, self._forms.keys_of, lambda *note: notes.append(note))
+            merged = merge_same_time(rows, codecs, forms, self._forms.keys_of, lambda *note: notes.append(note))
         except Exception as error:
             self.fallbacks.note("merging the rows of a block", error)
             notes = []
-            on_failure = lambda error: self.fallbacks.note("merging rows of one time", error)  # noqa: E731
-            merged = merge_each(rows, tracks, on_failure, lambda *note: notes.append(note))
+            merged = merge_each(rows, codecs, self._note_unmerged, lambda *note: notes.append(note))
         for note in notes:
             self.steps.note_merged(*note)
         return merged
+
+    def _note_unmerged(self, error: Exception) -> None:
+        self.fallbacks.note("merging rows of one time", error, "they are merged when they are read")
 
     def _number(self, rows: Rows) -> dict[int, int]:
         """Number each channel's rows on from its last row; returns how many rows each channel has with these."""

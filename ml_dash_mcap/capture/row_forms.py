@@ -7,18 +7,17 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from ..codecs.json_skeleton import LONG_ROW_BYTES, UNKNOWN, Bones, Skeletons, guess
-from ..mcap.message_records import MESSAGE_HEAD_BYTES
+from ..codecs.codec import LONG_ROW_BYTES, UNKNOWN_FORM, BlockForms, Codec
 from ..mcap.row_arrays import Rows, taken
 from ..rows.shape import Shape
 from .channels import ChannelInfo
 from .fallbacks import Fallbacks
 
-_SKELETON_BYTES = 8 * 1024 * 1024
-"""What is remembered of the forms of rows of all topics, in bytes, about; with more, all begin anew."""
+_REMEMBERED_BYTES = 8 * 1024 * 1024
+"""What is remembered of the forms of rows of all topics of an encoding, in bytes, about; with more, all begin anew."""
 
 Forms = npt.NDArray[np.int32]
-"""The form of each row, [N]: an index into the forms of its channel, or `UNKNOWN`."""
+"""The form of each row, [N]: an index into the forms of its channel, or `UNKNOWN_FORM`."""
 
 
 class RowForms:
@@ -33,76 +32,87 @@ class RowForms:
         """
         self._channels = channels
         self._fallbacks = fallbacks
-        self._skeletons: dict[int, Skeletons] = {}
+        self._forms: dict[Codec, BlockForms] = {}
 
     def shapes_of(self, numbers: Iterable[int]) -> dict[int, Shape]:
         """Return the shape of the rows so far of those of some channels whose schema is inferred."""
-        return {number: self._skeletons[number].shape for number in numbers if number in self._skeletons}
+        shapes = {number: self._shape_of(number) for number in numbers if self._channels[number].is_inferred}
+        return {number: shape for number, shape in shapes.items() if shape is not None}
+
+    def _shape_of(self, number: int) -> Shape | None:
+        try:
+            return self._of(number).shape_of(number)
+        except Exception as error:
+            self._fallbacks.note("telling the shape of a topic's rows", error, "the schema stays as it was")
+            return None
 
     def keys_of(self, number: int, form: int) -> frozenset[str]:
-        """Return the top-level keys of a channel's form, which is not `UNKNOWN`."""
-        return self._skeletons[number].forms[form].keys
+        """Return the top-level keys of a channel's form, which is not `UNKNOWN_FORM`."""
+        return self._of(number).keys_of(number, form)
 
     def of_block(self, rows: Rows) -> Forms:
         """Return the form of each row of a block, and widen the shapes of channels that have rows of a new form."""
-        is_too_much = sum([skeletons.size for skeletons in self._skeletons.values()]) > _SKELETON_BYTES
-        for skeletons in self._skeletons.values():
-            skeletons.forget() if is_too_much else skeletons.begin_block()
-        inferred = [number for number, info in list(self._channels.items()) if info.schema is None]
+        inferred = [number for number, info in list(self._channels.items()) if info.is_inferred]
         is_inferred = np.isin(rows.channels, inferred)
         try:
-            return self._classify(rows, is_inferred)
+            for known in self._forms.values():
+                known.forget() if known.size > _REMEMBERED_BYTES else known.begin_block()
+            return self._classify(rows, is_inferred.copy())
         except Exception as error:
             self._fallbacks.note("telling the forms of a block's rows", error)
-        for skeletons in self._skeletons.values():
-            skeletons.forget()
+        self._forget()
         return self._learn_each(rows, np.flatnonzero(is_inferred))
+
+    def _forget(self) -> None:
+        for codec, known in self._forms.items():
+            try:
+                known.forget()
+            except Exception as error:
+                self._fallbacks.note(f"forgetting the forms of {codec.message_encoding} rows", error, "they stay")
 
     def _learn_each(self, rows: Rows, which: npt.NDArray[np.intp]) -> Forms:
         """Decode some of the rows; fields of a row that cannot be decoded may be missing in the schema."""
-        forms = np.full(len(rows), UNKNOWN, np.int32)
+        forms = np.full(len(rows), UNKNOWN_FORM, np.int32)
         for row in which.tolist():
+            number = int(rows.channels[row])
             try:
-                forms[row] = self._skeletons_of(int(rows.channels[row])).learn(rows.payload(row))
+                forms[row] = self._of(number).learn(number, rows.payload(row))
             except Exception as error:
-                self._fallbacks.note("decoding a row", error)
+                self._fallbacks.note("decoding a row", error, "the schema may lack its fields")
         return forms
 
-    def _classify(self, rows: Rows, is_inferred: npt.NDArray[np.bool_]) -> Forms:
-        forms = np.full(len(rows), UNKNOWN, np.int32)
-        is_pending = is_inferred
+    def _classify(self, rows: Rows, is_pending: npt.NDArray[np.bool_]) -> Forms:
+        forms = np.full(len(rows), UNKNOWN_FORM, np.int32)
         for first, last in rows.uniform:
-            forms[first:last] = self._skeletons_of(int(rows.channels[first])).learn(rows.payload(first))
+            number = int(rows.channels[first])
+            forms[first:last] = self._of(number).learn(number, rows.payload(first))
             is_pending[first:last] = False
         is_long = is_pending & (rows.ends - rows.starts >= LONG_ROW_BYTES)
         if is_long.any():
             long = np.flatnonzero(is_long)
             forms[long] = self._learn_each(rows, long)[long]
             is_pending &= ~is_long
-        which = np.flatnonzero(is_pending)
-        if len(which):
-            forms[which] = self._classify_short(rows if len(which) == len(rows) else taken(rows, which))
+        for known, which in self._by_codec(rows, np.flatnonzero(is_pending)):
+            forms[which] = known.of_rows(rows if len(which) == len(rows) else taken(rows, which))
         return forms
 
-    def _classify_short(self, rows: Rows) -> Forms:
-        """Return the forms of rows none of which is long, by their skeletons."""
-        bones = Bones(rows.data, rows.starts + MESSAGE_HEAD_BYTES, rows.ends, MESSAGE_HEAD_BYTES)
-        forms = guess(bones, rows.channels, self._skeletons)
+    def _by_codec(self, rows: Rows, which: npt.NDArray[np.intp]) -> list[tuple[BlockForms, npt.NDArray[np.intp]]]:
+        """Return what knows the forms of some rows, and the numbers of those rows, for each of their encodings."""
+        numbers: dict[int, list[int]] = {}
+        known: dict[int, BlockForms] = {}
+        for number in np.unique(rows.channels[which]).tolist():
+            forms = self._of(number)
+            known[id(forms)] = forms
+            numbers.setdefault(id(forms), []).append(number)
+        if len(known) == 1:
+            return [(forms, which) for forms in known.values()]
+        return [(known[key], which[np.isin(rows.channels[which], some)]) for key, some in numbers.items()]
+
+    def _of(self, number: int) -> BlockForms:
+        codec = self._channels[number].codec
+        if codec is None:
+            raise LookupError(f"the encoding of channel {number} is not known here")
+        forms = self._forms.get(codec)
         if forms is None:
-            forms = np.full(len(rows), UNKNOWN, np.int32)
-            for number, which in by_channel(rows):
-                forms[which] = self._skeletons_of(number).classify(bones, which)
+            forms = self._forms[codec] = codec.forms()
         return forms
-
-    def _skeletons_of(self, number: int) -> Skeletons:
-        skeletons = self._skeletons.get(number)
-        if skeletons is None:
-            skeletons = self._skeletons[number] = Skeletons()
-        return skeletons
-
-
-def by_channel(rows: Rows) -> list[tuple[int, npt.NDArray[np.intp]]]:
-    """Return each channel's id with the numbers of its rows, in order; the rows are one or more."""
-    order = np.argsort(rows.channels.astype(np.uint16), kind="stable")  # of 16 bits numpy sorts in linear time
-    parts = np.split(order, np.flatnonzero(np.diff(rows.channels[order])) + 1)
-    return [(int(rows.channels[part[0]]), part) for part in parts]

@@ -7,16 +7,16 @@ import json
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
+from ..codecs.codec import Codec
 from ..file_names import ACTIVE_SUFFIX, DROPS_RECORD, PARAMETERS_RECORD, STEPS_RECORD
 from ..mcap.chunk_writer import UNCOMPRESSED, Compressor, PackedChunk, build, compressor
 from ..mcap.records import Metadata
 from ..mcap.row_arrays import Rows, split
 from ..mcap.segment import Segment
 from ..options import RecorderOptions
-from ..rows import schema as schemas
 from ..rows.shape import NOTHING, Shape
+from .channels import ChannelInfo
 from .event_clock import UNKNOWN_CLOCK
 from .fallbacks import Fallbacks
 from .prepared_block import PreparedBlock
@@ -150,22 +150,29 @@ class SegmentSink:
     def _schema_record(self, block: PreparedBlock, number: int, space: int) -> bytes:
         """Return a topic's Schema record: exactly `space` bytes if it fits, with room to grow if there is none yet."""
         info, shape = block.channels[number], block.shapes.get(number)
-        schema = self._schema(shape, info.topic) if shape is not None else None
+        if info.schema is not None or info.codec is None:
+            return info.schema_record(info.schema or b"")
+        schema = self._schema(info, info.codec, shape)
         record = info.schema_record(schema)
-        if not space:
-            text = len(schemas.to_bytes(dict(schema or info.schema or {})))
-            return info.schema_record(schema, 0 if shape is None else 2 * text + _SPARE_BYTES)
-        bare = len(record) - len(
-            schemas.to_bytes(dict(schema or info.schema or {"type": "object", "title": info.topic}))
-        )
-        return record if len(record) > space else info.schema_record(schema, space - bare)
-
-    def _schema(self, shape: Shape, topic: str) -> dict[str, Any]:
+        if shape is None:
+            return record
+        length = space - (len(record) - len(schema)) if space else 2 * len(schema) + _SPARE_BYTES
+        if length < len(schema):
+            return record
         try:
-            return schemas.to_json(shape, topic)
+            return info.schema_record(info.codec.padded(schema, length))
         except Exception as error:
-            self._fallbacks.note("making a topic's schema", error)
-        return schemas.to_json(NOTHING, topic)
+            self._fallbacks.note("padding a topic's schema", error, "has no room to grow in its segment")
+            return record
+
+    def _schema(self, info: ChannelInfo, codec: Codec, shape: Shape | None) -> bytes:
+        """Return the schema of rows of a shape; a schema that tells less where that fails."""
+        for part in (None,) if shape is None else (shape, NOTHING, None):
+            try:
+                return codec.schema(part, info.topic)
+            except Exception as error:
+                self._fallbacks.note("making a topic's schema", error, "the schema says less")
+        return b""
 
     # -- segments ----------------------------------------------------------------------------------------------------
 

@@ -8,8 +8,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..codecs import registry as codecs
 from ..errors import TopicError
-from ..file_names import TOPIC_RECORD
+from ..file_names import TOPIC_RECORD, TRACK
+from ..rows.json_text import dumps
 from .channels import ChannelInfo
 from .journal import Journal
 from .metadata_texts import topic_texts, write_metadata
@@ -31,6 +33,9 @@ class TopicAbout:
     """The JSON Schema of the rows; None to infer it."""
     schema_name: str | None = None
     """The name of the schema; None for the topic's name."""
+    encoding: str | None = None
+    """What the rows are encoded in; None for the recorder's option for tracks, and for JSON, which viewers show, for
+    the other kinds."""
 
     @property
     def is_description(self) -> bool:
@@ -41,7 +46,14 @@ class TopicAbout:
 class TopicRegistry:
     """The open topics by kind and name. Any thread may call any method."""
 
-    def __init__(self, journal: Journal) -> None:
+    def __init__(self, journal: Journal, encoding: str) -> None:
+        """Begin without topics.
+
+        Args:
+            journal: Where they are registered.
+            encoding: What the rows of tracks are encoded in, unless a topic says something else.
+        """
+        self._encoding = encoding
         self.channels: dict[int, ChannelInfo] = {}
         """The topics by number, from 1."""
         self._journal = journal
@@ -70,6 +82,7 @@ class TopicRegistry:
             about: What is told about it.
 
         Raises:
+            OptionError: Rows cannot be recorded in the topic's encoding.
             StateError: The recorder is closed, or this is a forked child, and there is something to be written.
         """
         key = (kind, name)
@@ -82,11 +95,13 @@ class TopicRegistry:
             topic = self._topics.get(key)
             is_new = topic is None
             if is_new:
-                info = ChannelInfo(next(self._numbers), name, kind, texts, about.schema, about.schema_name)
+                codec = codecs.to_record(about.encoding or (self._encoding if kind == TRACK else "json"))
+                schema = None if about.schema is None else dumps(dict(about.schema))
+                info = ChannelInfo(next(self._numbers), name, kind, texts, schema, about.schema_name, codec)
                 if info.number > _MAX_TOPICS:
                     raise TopicError(f"topic {name!r}: a recording holds {_MAX_TOPICS} topics, and has them")
                 self.channels[info.number] = info
-                self._journal.register(info.schema_record(None) + info.channel_record())
+                self._journal.register(info.schema_record(info.first_schema()) + info.channel_record())
                 # a signal handler may have opened the topic meanwhile; then this number has no rows
                 topic = self._topics.setdefault(key, make(info))
         if texts and not is_new:

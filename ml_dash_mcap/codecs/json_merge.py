@@ -9,12 +9,13 @@ import orjson
 
 from ..rows.encode import EXACT_KEY, TIME_KEY
 
-_TIME_MARK = b'"_ts":'
+TIME_MARK = b'"_ts":'
+"""The time stamp's key; what follows its last occurrence is the time stamp and the end of the row."""
 
 
 def time_of(payload: bytes) -> float:
     """Return the time stamp of an encoded row, in seconds, without decoding the rest."""
-    return float(payload[payload.rindex(_TIME_MARK) + len(_TIME_MARK) : -1])
+    return float(payload[payload.rindex(TIME_MARK) + len(TIME_MARK) : -1])
 
 
 def with_time(payload: bytes, seconds: float) -> bytes:
@@ -23,25 +24,9 @@ def with_time(payload: bytes, seconds: float) -> bytes:
     Raises:
         ValueError: It has no time stamp.
     """
-    at = payload.rindex(_TIME_MARK) + len(_TIME_MARK)
+    at = payload.rindex(TIME_MARK) + len(TIME_MARK)
     float(payload[at:-1])  # raises where the time stamp is not the last field, or none at all
     return b"".join((payload[:at], orjson.dumps(seconds), b"}"))
-
-
-def cut(payloads: Sequence[bytes]) -> list[int]:
-    """Return where each encoded row's time stamp begins, with its key."""
-    return [payload.rindex(_TIME_MARK) for payload in payloads]
-
-
-def split_by_time(payloads: Sequence[bytes], cuts: Sequence[int]) -> list[list[int]]:
-    """Return which encoded rows have exactly the same time stamp, two or more, each by its place, in order."""
-    tail = payloads[0][cuts[0] :]
-    if all(payload[at:] == tail for payload, at in zip(payloads, cuts, strict=True)):
-        return [list(range(len(payloads)))]
-    by_time: dict[float, list[int]] = {}
-    for place, payload in enumerate(payloads):
-        by_time.setdefault(time_of(payload), []).append(place)
-    return [same for same in by_time.values() if len(same) > 1]
 
 
 def join_disjoint(payloads: Sequence[bytes], cuts: Sequence[int]) -> bytes:

@@ -17,11 +17,14 @@ import numpy as np
 import numpy.typing as npt
 import orjson
 
+from ..mcap.message_records import MESSAGE_HEAD_BYTES
+from ..mcap.row_arrays import Rows, by_channel
 from ..rows.encode import EXACT_KEY
 from ..rows.json_text import restore_kinds
 from ..rows.schema import TopicShape, has_only_integers
 from ..rows.shape import Opaque, Shape, of_value
 from . import json_outline
+from .codec import UNKNOWN_FORM
 
 Bytes = npt.NDArray[np.uint8]
 Offsets = npt.NDArray[np.int64]
@@ -41,14 +44,8 @@ _MOST_BYTES = 1024 * 1024
 _ROUNDS = 8
 """Forms of one length that are looked for in all rows at once; then each row is looked up by itself."""
 
-LONG_ROW_BYTES = 256 * 1024
-"""Rows from this many bytes on are decoded: a skeleton would take many times their memory, and hardly ever recur."""
-
 _MOST_VALUES = 1024 * 1024
 """Rows with more values are not decoded as a whole: each takes up to 100 bytes, and orjson crashes without memory."""
-
-UNKNOWN = -1
-"""The form of rows of which nothing is known but that they may hold anything."""
 
 _NO_ITEMS = b"[]"
 """The skeleton of an empty array, and of one that holds a single integer."""
@@ -108,17 +105,17 @@ class Skeletons:
         self.size = self._long = 0
 
     def learn(self, payload: bytes, skeleton: bytes = _NO_ITEMS) -> int:
-        """Decode one row and widen the topic's shape by it; returns the number of its form, or `UNKNOWN`."""
+        """Decode one row and widen the topic's shape by it; returns the number of its form, or `UNKNOWN_FORM`."""
         if len(payload) > _MOST_VALUES and _values(payload) > _MOST_VALUES:
             self._learn_huge(payload)
-            return UNKNOWN
+            return UNKNOWN_FORM
         row: dict[str, Any] = orjson.loads(payload)
         keys = frozenset(row)
         is_certain = EXACT_KEY not in keys and _NO_ITEMS not in skeleton
         shape = of_value(restore_kinds(row), is_coarse=True)
         self._rows.add(shape)
         if len(self.forms) >= _MOST_FORMS:
-            return UNKNOWN
+            return UNKNOWN_FORM
         form = Form(keys, is_certain, is_certain and has_only_integers(shape))
         number = self._numbers.setdefault(form, len(self.forms))
         if number == len(self.forms):
@@ -140,9 +137,9 @@ class Skeletons:
             rows: Numbers of this topic's rows in the block, [N].
 
         Returns:
-            The form of each row, [N]: its index in `forms`, or `UNKNOWN`.
+            The form of each row, [N]: its index in `forms`, or `UNKNOWN_FORM`.
         """
-        forms = np.full(len(rows), UNKNOWN, np.int32)
+        forms = np.full(len(rows), UNKNOWN_FORM, np.int32)
         starts, lengths = bones.starts[rows], bones.lengths[rows]
         order = np.argsort(lengths, kind="stable")
         edges = np.flatnonzero(np.diff(lengths[order])) + 1
@@ -163,7 +160,7 @@ class Skeletons:
             skeleton = bones.skeleton(int(starts[first]), length)
             form = forms[at[first]] = self._form_of(bones, int(rows[first]), skeleton)
             pending = pending[1:]
-            if form == UNKNOWN or not self.forms[form].certain or not len(pending):
+            if form == UNKNOWN_FORM or not self.forms[form].certain or not len(pending):
                 continue
             equal = bones.are(starts[pending], skeleton)
             if self.forms[form].integers:
@@ -179,7 +176,7 @@ class Skeletons:
         form = self._known.get(skeleton)
         if form is None or (self.forms[form].integers and bones.has_exponent(np.array([row]))[0]):
             form = self.learn(bones.payload(row), skeleton)
-            if form == UNKNOWN or not self.forms[form].certain or not self._remember(skeleton, form):
+            if form == UNKNOWN_FORM or not self.forms[form].certain or not self._remember(skeleton, form):
                 return form
         self.latest = (skeleton, form)
         return form
@@ -225,6 +222,57 @@ def guess(
     for number, (_, form) in latest.items():
         forms[number] = form
     return forms[channels]
+
+
+class JsonForms:
+    """The forms of the rows of all topics that are recorded in JSON."""
+
+    def __init__(self) -> None:
+        self._skeletons: dict[int, Skeletons] = {}
+
+    @property
+    def size(self) -> int:
+        """How much is remembered, in bytes, about."""
+        return sum([skeletons.size for skeletons in self._skeletons.values()])
+
+    def begin_block(self) -> None:
+        """Begin a block."""
+        for skeletons in self._skeletons.values():
+            skeletons.begin_block()
+
+    def forget(self) -> None:
+        """Forget all but the shapes."""
+        for skeletons in self._skeletons.values():
+            skeletons.forget()
+
+    def learn(self, channel: int, payload: bytes) -> int:
+        """Widen a topic's shape by one row; returns the row's form."""
+        return self._of(channel).learn(payload)
+
+    def of_rows(self, rows: Rows) -> npt.NDArray[np.int32]:
+        """Return the forms of rows, none of them a long one: its skeleton would take many times its memory."""
+        bones = Bones(rows.data, rows.starts + MESSAGE_HEAD_BYTES, rows.ends, MESSAGE_HEAD_BYTES)
+        forms = guess(bones, rows.channels, self._skeletons)
+        if forms is None:
+            forms = np.full(len(rows), UNKNOWN_FORM, np.int32)
+            for channel, which in by_channel(rows):
+                forms[which] = self._of(channel).classify(bones, which)
+        return forms
+
+    def shape_of(self, channel: int) -> Shape | None:
+        """Return the shape of a topic's rows so far."""
+        skeletons = self._skeletons.get(channel)
+        return None if skeletons is None else skeletons.shape
+
+    def keys_of(self, channel: int, form: int) -> frozenset[str]:
+        """Return the top-level keys of a topic's form."""
+        return self._skeletons[channel].forms[form].keys
+
+    def _of(self, channel: int) -> Skeletons:
+        skeletons = self._skeletons.get(channel)
+        if skeletons is None:
+            skeletons = self._skeletons[channel] = Skeletons()
+        return skeletons
 
 
 class Bones:

@@ -1,4 +1,4 @@
-"""From protobuf messages to rows."""
+"""Protobuf messages: read only."""
 
 from __future__ import annotations
 
@@ -13,9 +13,34 @@ from mcap.records import Schema as SchemaRecord
 from mcap_protobuf.decoder import DecoderFactory
 
 from ..errors import EncodingError
+from .codec import MessageCodec
+from .encoded_channel import Decoder, EncodedChannel, Row
 
-Row = dict[str, Any]
 Convert = Callable[[Any], Any]
+
+
+class ProtobufCodec(MessageCodec):
+    """Messages whose schema is a set of file descriptors."""
+
+    def decoder(self, channel: EncodedChannel) -> Decoder | None:
+        """Return what makes rows of a channel's messages."""
+        if channel.schema.encoding != "protobuf":
+            return None
+        decode = decoder(channel.schema.name, channel.schema.data)
+        if channel.decoding.on_unknown == "raise":
+            return decode
+        misfit = channel.misfit()
+
+        def decode_or_carry(payload: bytes) -> Row | None:
+            try:
+                return decode(payload)
+            except (ValueError, RecursionError) as error:
+                return misfit(payload, error)
+
+        return decode_or_carry
+
+
+CODEC = ProtobufCodec()
 
 
 @functools.lru_cache(maxsize=256)

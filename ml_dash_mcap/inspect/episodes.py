@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from ..codecs.decode import Row
+from ..codecs.encoded_channel import Row
 from ..file_names import EPISODE_TOPIC, OWN_TOPICS
 from ..query import counts, topic_rows
 from ..query.file import File

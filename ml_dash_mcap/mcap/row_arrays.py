@@ -74,6 +74,13 @@ class Rows:
         self.data[at] = sequence.astype("<u4").view(np.uint8).reshape(-1, 4)
 
 
+def by_channel(rows: Rows) -> list[tuple[int, npt.NDArray[np.intp]]]:
+    """Return each channel's id with the numbers of its rows, in order; the rows are one or more."""
+    order = np.argsort(rows.channels.astype(np.uint16), kind="stable")  # of 16 bits numpy sorts in linear time
+    parts = np.split(order, np.flatnonzero(np.diff(rows.channels[order])) + 1)
+    return [(int(rows.channels[part[0]]), part) for part in parts]
+
+
 def pack(block: SealedBuffer) -> Rows:
     """Return the rows of a block, copying only where something lies between them."""
     starts = np.array(block.starts, np.int64)

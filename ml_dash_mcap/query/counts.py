@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import clock
-from ..codecs.decode import Decoder, Row
+from ..codecs.encoded_channel import Decoder, Row
 from ..errors import DamagedFileError, EncodingError
 from ..mcap import audit
 from ..mcap.file_index import replanned

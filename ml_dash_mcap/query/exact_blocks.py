@@ -10,16 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import orjson
 import pyarrow as pa
-import pyarrow.compute as pc
 
-from ..codecs.decode import Decoder, Row
-from ..codecs.json_lines import LineReader, joined
+from ..codecs.codec import ColumnReader
+from ..codecs.decode import codec_of
+from ..codecs.encoded_channel import Decoder, Row
 from ..rows import zero_copy
 from ..rows.encode import TIME_KEY
 from ..rows.table import Block
@@ -28,8 +26,6 @@ from . import time_order, topic_messages
 from . import topic_rows as rows
 from .stored_topic import StoredTopic
 from .topic_messages import Cut
-
-_DOT = ord(".")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,29 +78,28 @@ class _Reading:
 
     def __init__(self) -> None:
         self._decoders: dict[tuple[str, int], Decoder] = {}
-        self._readers: dict[tuple[str, int], LineReader] = {}
+        self._readers: dict[tuple[str, int], ColumnReader | None] = {}
 
     def parse(self, cut: Cut) -> _Part:
-        return _Part(cut, self._parse(cut) if cut.origin.channel.message_encoding == "json" else None)
+        return _Part(cut, self._columns(cut))
 
-    def _parse(self, cut: Cut) -> Block | None:
-        payloads = cut.messages.payloads
-        lines = joined(payloads)
-        if lines is None:
-            return None
-        key = rows.key_of(cut.origin)
-        reader = self._readers.get(key)
-        if reader is None:
-            reader = self._readers[key] = LineReader()
-        flat = reader.read(lines)
-        if flat is None or not _says_all(lines.text, flat):
-            return None
-        times = flat.get(TIME_KEY)
-        if times is None or not pa.types.is_float64(times.type):
+    def _columns(self, cut: Cut) -> Block | None:
+        reader, payloads = self._reader_of(cut), cut.messages.payloads
+        arrays = None if reader is None else reader.read_exactly(payloads)
+        times = None if arrays is None else arrays.get(TIME_KEY)
+        if arrays is None or times is None or not pa.types.is_float64(times.type):
             return None
         if not bool(time_order.is_close(zero_copy.to_numpy(times), cut.times_ns).all()):
             return None
-        return Block(len(payloads), {name: Column(array) for name, array in flat.items()})
+        return Block(len(payloads), {name: Column(array) for name, array in arrays.items()})
+
+    def _reader_of(self, cut: Cut) -> ColumnReader | None:
+        """Return what makes columns of a channel's messages; None if all go through Python objects."""
+        key = rows.key_of(cut.origin)
+        if key not in self._readers:
+            codec = codec_of(cut.origin.channel)
+            self._readers[key] = None if codec is None else codec.column_reader(None)
+        return self._readers[key]
 
     def block(self, parts: list[_Part], low: float, high: float) -> Block | None:
         """Return the rows of some chunks as one block, if each is one and their time stamps differ."""
@@ -138,41 +133,3 @@ def _joined(blocks: list[Block]) -> Block | None:
         return None
     arrays = {name: pa.concat_arrays([block.columns[name].array for block in blocks]) for name in first}
     return Block(sum(block.count for block in blocks), {name: Column(array) for name, array in arrays.items()})
-
-
-def _says_all(lines: bytes, flat: dict[str, Any]) -> bool:
-    """Whether columns have no null, no key with a dot, and no double that was written without one, as integers are."""
-    if any(orjson.dumps(key) in lines for name in flat for key in _keys_with_dots(name)):
-        return False
-    dots = 0
-    for array in flat.values():
-        found = _dots(array)
-        if found is None:
-            return False
-        dots += found
-    return dots == int(np.count_nonzero(np.frombuffer(lines, np.uint8) == _DOT))
-
-
-def _keys_with_dots(name: str) -> Iterator[str]:
-    """Yield what may be one key in a dotted name."""
-    parts = name.split(".")
-    for start in range(len(parts)):
-        for end in range(start + 2, len(parts) + 1):
-            yield ".".join(parts[start:end])
-
-
-def _dots(array: Any) -> int | None:
-    """Return how many dots the JSON of an array's values has if all its doubles have one; None if there is a null."""
-    type_ = array.type
-    if array.null_count or pa.types.is_null(type_):
-        return None
-    if pa.types.is_floating(type_):
-        return len(array)
-    if pa.types.is_string(type_):
-        return int(pc.sum(pc.count_substring(array, ".")).as_py() or 0)
-    if not type_.num_fields:
-        return 0
-    if any("." in type_.field(at).name for at in range(type_.num_fields)):
-        return None
-    found = [_dots(inner) for inner in ([*array.flatten()] if pa.types.is_struct(type_) else [array.flatten()])]
-    return None if None in found else sum(one for one in found if one is not None)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import clock
-from ..codecs.decode import Row
+from ..codecs.encoded_channel import Row
 from . import topic_rows
 from .stored_topic import StoredTopic
 from .time_order import TOLERANCE_NS

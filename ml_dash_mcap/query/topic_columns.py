@@ -12,22 +12,21 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from .. import clock
-from ..codecs.decode import Decoder, Row
-from ..codecs.json_lines import LineReader, joined
+from ..codecs.codec import ColumnReader, Columns
+from ..codecs.decode import codec_of
+from ..codecs.encoded_channel import Decoder, Row
 from ..codecs.ros.channel_columns import ChannelColumns
 from ..codecs.ros.message_decoder import MessageDecoder
 from ..file_names import KIND_KEY, TRACK
 from ..rows import zero_copy
 from ..rows.dotted import FIELD_PREFIX, flatten, project
-from ..rows.encode import EXACT_KEY, TIME_KEY
+from ..rows.encode import TIME_KEY
 from ..rows.table import Block, block_of, join
 from ..rows.typed_columns import Column
 from ..store import read_ahead
 from . import time_order, topic_messages, topic_rows
 from .stored_topic import StoredTopic
 from .topic_messages import Cut, Origin
-
-_EXACT = f'"{EXACT_KEY}"'.encode()
 
 _FIRST_BYTES, _MOST_BYTES = 128 * 1024, 1024 * 1024
 """Payloads of several chunks are parsed together, because each call of pyarrow has its price: about so many bytes at
@@ -143,7 +142,7 @@ class _Reading:
         self._time_name = time_name
         self._low, self._high = low, high
         self._decoders: dict[tuple[str, int], Decoder] = {}
-        self._readers: dict[tuple[str, int], LineReader] = {}
+        self._readers: dict[tuple[str, int], ColumnReader | None] = {}
 
     def block(self, pieces: list[_Piece]) -> Block:
         """Return the rows of some pieces that are wanted, in time order, merged."""
@@ -155,33 +154,29 @@ class _Reading:
     # -- messages to columns -------------------------------------------------------------------------------------------
 
     def _parse(self, key: tuple[str, int], pieces: list[_Piece]) -> list[_Parsed]:
-        if pieces[0].origin.channel.message_encoding != "json":
+        reader = self._reader_of(key, pieces[0].origin)
+        columns = None if reader is None else reader.read([payload for piece in pieces for payload in piece.payloads])
+        if columns is None:
             return [self._decoded(pieces)]
-        payloads = [payload for piece in pieces for payload in piece.payloads]
-        lines = joined(payloads)
-        if lines is None:
-            return [self._decoded(pieces)]
-        reader = self._readers.get(key)
-        if reader is None:
-            reader = self._readers[key] = LineReader(self._columns)
-        flat = reader.read(lines)
-        if flat is None:
-            odd = _with_side_key(payloads, lines.text)
-            return self._mixed(reader, pieces, payloads, odd) if len(odd) else [self._decoded(pieces)]
-        named = self._named(pieces, flat)
-        return [named or self._decoded(pieces)]
+        if len(columns.others):
+            return self._mixed(columns, pieces)
+        return [self._named(pieces, columns.arrays) or self._decoded(pieces)]
 
-    def _mixed(
-        self, reader: LineReader, pieces: list[_Piece], payloads: list[bytes], odd: npt.NDArray[np.intp]
-    ) -> list[_Parsed]:
-        """Take the rows with a side key through Python objects, and the others not."""
-        even = np.setdiff1d(np.arange(len(payloads)), odd)
-        lines = joined([payloads[at] for at in even.tolist()])
-        flat = None if lines is None else reader.read(lines)
-        named = None if flat is None else self._named(_picked(pieces, even), flat)
+    def _reader_of(self, key: tuple[str, int], origin: Origin) -> ColumnReader | None:
+        """Return what makes columns of a channel's messages; None if all go through Python objects."""
+        if key not in self._readers:
+            codec = codec_of(origin.channel)
+            self._readers[key] = None if codec is None else codec.column_reader(self._columns)
+        return self._readers[key]
+
+    def _mixed(self, columns: Columns, pieces: list[_Piece]) -> list[_Parsed]:
+        """Take some of the rows through Python objects, and the others not."""
+        count = sum(len(piece.payloads) for piece in pieces)
+        in_columns = np.setdiff1d(np.arange(count), columns.others)
+        named = self._named(_picked(pieces, in_columns), columns.arrays)
         if named is None:
             return [self._decoded(pieces)]
-        others = self._decoded(_picked(pieces, odd))
+        others = self._decoded(_picked(pieces, columns.others))
         return [self._decoded(pieces)] if _clash(named.block, others.block) else [named, others]
 
     def _named(self, pieces: list[_Piece], flat: dict[str, Any]) -> _Parsed | None:
@@ -332,11 +327,6 @@ def _chosen(blocks: list[Block], keep: npt.NDArray[np.bool_]) -> list[Block]:
 
 def _merges(origin: Origin) -> bool:
     return origin.channel.metadata.get(KIND_KEY) == TRACK
-
-
-def _with_side_key(payloads: list[bytes], text: bytes) -> npt.NDArray[np.intp]:
-    """Return the numbers of the payloads in which the side key's name stands somewhere."""
-    return np.array([at for at, one in enumerate(payloads) if _EXACT in one] if _EXACT in text else [], np.intp)
 
 
 def _times(column: Any, times_ns: npt.NDArray[np.uint64]) -> npt.NDArray[np.float64]:

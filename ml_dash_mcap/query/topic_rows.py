@@ -8,14 +8,14 @@ from typing import Any, SupportsIndex
 
 import numpy as np
 import numpy.typing as npt
-import orjson
 
 from .. import clock
-from ..codecs import json_depth
-from ..codecs.decode import Decoder, Row, decode_json, decoder
+from ..codecs.codec import MessageCodec
+from ..codecs.decode import codec_of, decoder
+from ..codecs.encoded_channel import Decoder, Row
 from ..errors import DamagedFileError, RangeError
 from ..file_names import KIND_KEY, TRACK
-from ..rows.encode import EXACT_KEY, TIME_KEY
+from ..rows.encode import TIME_KEY
 from ..rows.merge import merge
 from ..time_hints import seconds_hint
 from . import topic_messages
@@ -165,21 +165,17 @@ def decode(
     decode_one = decoders.get(key)
     if decode_one is None:
         decode_one = decoders[key] = _decoder(origin)
+    codec = codec_of(origin.channel)
     for start in range(0, len(payloads), _AT_ONCE):
         some, their_ns = payloads[start : start + _AT_ONCE], times_ns[start : start + _AT_ONCE]
-        plain = _plain(some, their_ns) if decode_one is decode_json else None
+        plain = None if codec is None else _plain(codec, some, their_ns)
         yield from _one_by_one(origin, some, their_ns, decode_one) if plain is None else plain
 
 
-def _plain(payloads: list[bytes], times_ns: npt.NDArray[np.uint64]) -> list[Row] | None:
-    """Decode JSON of which nothing but its syntax is to be read, which is nearly all; None where something else is."""
-    if not json_depth.are_within(payloads, json_depth.MOST):
-        return None
-    try:
-        rows = list(map(orjson.loads, payloads))
-    except orjson.JSONDecodeError:
-        return None
-    if {*map(type, rows)} != {dict} or any(EXACT_KEY in row for row in rows):
+def _plain(codec: MessageCodec, payloads: list[bytes], times_ns: npt.NDArray[np.uint64]) -> list[Row] | None:
+    """Decode rows of which nothing but the syntax is to be read, which is nearly all; None where something else is."""
+    rows = codec.decode_plain(payloads)
+    if rows is None:
         return None
     times = [row.get(TIME_KEY) for row in rows]
     if {*map(type, times)} != {float} or not is_close(np.array(times), times_ns).all():

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ..capture.channels import ChannelInfo
+from ..codecs.codec import Codec
+from ..codecs.decode import codec_of
 from ..errors import DamagedFileError
 from ..file_names import JOURNAL_RECORD, KIND_KEY, TRACK
 from ..mcap.record_layout import PREFIX_BYTES, Fields, read_prefix
@@ -87,9 +88,20 @@ def _read(path: Path, session: str) -> Leftover | None:
 
 
 def _channel_info(channel: Channel, schemas: dict[int, Schema]) -> ChannelInfo:
+    """Return a topic as its recorder had it; with no codec where that encoding is not known or installed here."""
     metadata = dict(channel.metadata)
     kind = metadata.pop(KIND_KEY, TRACK)
     schema = schemas[channel.schema_id]
-    said = json.loads(schema.data)
-    fixed = said if "properties" in said else None  # an inferred one is still bare in the journal
-    return ChannelInfo(channel.id, channel.topic, kind, metadata, fixed, schema.name)
+    codec = codec_of(channel)
+    info = ChannelInfo(
+        channel.id,
+        channel.topic,
+        kind,
+        metadata,
+        schema_name=schema.name,
+        message_encoding=channel.message_encoding,
+        schema_encoding=schema.encoding,
+        codec=codec if isinstance(codec, Codec) else None,
+    )
+    is_inferred = info.codec is not None and schema.data == info.first_schema()
+    return info if is_inferred else replace(info, schema=bytes(schema.data))

@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import orjson
-
 from . import packed, shape
 from .encode import TIME_KEY
 from .shape import NOTHING, ArrayType, Shape, join, of_dicts, of_lists, scalar
@@ -120,11 +118,6 @@ def _description(array: ArrayType | None) -> str:
     if array is None or array.dtype is None or array.lengths is None:
         return "array"
     return f"{array.dtype}[{','.join('' if length is None else str(length) for length in array.lengths)}]"
-
-
-def to_bytes(schema: dict[str, Any], reserve: int = 0) -> bytes:
-    """Serialise a schema, padded with blanks to a length of `reserve` bytes so that it can grow in place."""
-    return orjson.dumps(schema).ljust(reserve)
 
 
 def of_json(schema: Mapping[str, Any]) -> Shape:

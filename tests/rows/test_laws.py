@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,13 +14,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ml_dash_mcap import clock
+from ml_dash_mcap import Recorder, clock
 from ml_dash_mcap.codecs import json_merge
+from ml_dash_mcap.codecs.json import CODEC
 from ml_dash_mcap.codecs.json_skeleton import Bones, Skeletons, guess
 from ml_dash_mcap.rows import merge
 from ml_dash_mcap.rows.json_text import exact, restore
 from ml_dash_mcap.rows.schema import to_json
 from ml_dash_mcap.rows.shape import of_values
+from tests.support import disk
 from tests.support.examples import examples
 from tests.support.viewer_schema import violations
 
@@ -83,13 +87,18 @@ def test_rows_without_a_common_field_merge_by_cutting_their_bytes(fields: dict[s
     parts = [{name: fields[name] for name in names[::2]}, {name: fields[name] for name in names[1::2]}]
     plain = [part for part in parts if b"_exact" not in encode(part)]
     payloads = [encode(part) for part in plain] or [encode({})]
-    joined = json_merge.join_disjoint(payloads, json_merge.cut(payloads))
+    joined = json_merge.join_disjoint(payloads, CODEC.cut(payloads))
     assert decode(joined) == decode(json_merge.join(payloads))
 
 
-def test_rows_of_one_nanosecond_and_two_times_are_told_apart() -> None:
-    payloads = [encode({"a": 1}, 1.0), encode({"a": 2}, math.nextafter(1.0, 2)), encode({"a": 3}, 1.0)]
-    assert json_merge.split_by_time(payloads, json_merge.cut(payloads)) == [[0, 2]]
+def test_rows_of_one_nanosecond_and_two_times_are_told_apart(tmp_path: Path) -> None:
+    after = math.nextafter(1.0, 2)
+    with Recorder(tmp_path) as recorder:
+        recorder.topic("a").append(a=1, _ts=1.0).append(a=2, _ts=after).append(a=3, b=4, _ts=1.0)
+    assert [json.loads(payload) for _, payload in disk.payloads(tmp_path)] == [
+        {"a": 3, "b": 4, "_ts": 1.0},
+        {"a": 2, "_ts": after},
+    ]
 
 
 def block_of(payloads: list[bytes]) -> Bones:

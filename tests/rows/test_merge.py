@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.codecs import json_merge
+from ml_dash_mcap.codecs.json import CODEC
 from ml_dash_mcap.rows import merge
 from ml_dash_mcap.rows.json_text import exact, restore
 from tests.rows.test_json_text import inner, same, scalars
@@ -91,7 +92,7 @@ def test_rows_without_a_common_field_are_joined_by_cutting_their_bytes(rows: lis
         distinct.append({**{name: value for name, value in one.items() if name not in seen}, "_ts": 1 / 3})
         seen |= one.keys()
     payloads = [exact(one, "t") for one in distinct]
-    joined = json_merge.join_disjoint(payloads, json_merge.cut(payloads))
+    joined = json_merge.join_disjoint(payloads, CODEC.cut(payloads))
     assert orjson.loads(joined) == merge.merge(distinct)
     assert json_merge.time_of(joined) == 1 / 3
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 
-from ...codecs.decode import DIGEST_KEYS
 from ...codecs.decoding import Decoding
 from ...codecs.ros.definition_sources import Supply, complete
 from ...codecs.ros.distros import Likely
+from ...codecs.ros_channel import DIGEST_KEYS
 from ...errors import ConversionWarning, EncodingError
 from ...mcap.message import Connection
 

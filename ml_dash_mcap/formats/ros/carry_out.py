@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from ... import clock
-from ...codecs.decode import DIGEST_KEYS
 from ...codecs.ros import distros
+from ...codecs.ros_channel import DIGEST_KEYS
 from ...errors import ConversionError, ConversionWarning
 from ...file_names import ABOUT_RECORD, BAG_RECORD
 from ...mcap import stored_messages

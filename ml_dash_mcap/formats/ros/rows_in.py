@@ -11,6 +11,7 @@ from typing import Any
 from ... import clock
 from ...capture.topic_registry import TopicAbout
 from ...codecs import decode
+from ...codecs.encoded_channel import Decoder
 from ...codecs.ros.unpack import unpack
 from ...errors import DamagedFileError
 from ...file_names import MESSAGE, TRACK
@@ -185,7 +186,7 @@ class Intake:
 
     def _foreign(self, channel: Connection) -> Callable[[Batch], None]:
         """Return what takes messages of others, each a row of its own."""
-        decode_one: decode.Decoder | None = None
+        decode_one: Decoder | None = None
         topic = open_topic(self._recorder, channel.topic, MESSAGE, MessageTopic)
 
         def add(batch: Batch) -> None:
@@ -215,7 +216,7 @@ class Intake:
                 which = f"a message of topic {topic!r} from {first_ns} ns to {last_ns} ns"
             raise DamagedFileError(self._src, 0, f"{which} is no {batch.channel.type}: {error}") from error
 
-    def _decoder(self, channel: Connection) -> decode.Decoder:
+    def _decoder(self, channel: Connection) -> Decoder:
         known = self._types.described(channel)
         if self._types.is_unknown(channel):
             self._types.name_unknown(channel)

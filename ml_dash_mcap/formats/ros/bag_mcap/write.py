@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import zstandard
 
-from ....codecs.decode import DIGEST_KEYS
 from ....codecs.ros import distros
+from ....codecs.ros_channel import DIGEST_KEYS
 from ....mcap import stored_messages
 from ....mcap.chunk_writer import Compressor, PackedChunk, build_block, compressor, pack
 from ....mcap.file_output import FileOutput

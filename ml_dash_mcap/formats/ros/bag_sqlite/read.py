@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ....codecs.decode import DIGEST_KEYS
+from ....codecs.ros_channel import DIGEST_KEYS
 from ....errors import DamagedFileError, MissingRecordingError, StorageError
 from ....mcap.message import Connection, MessageBlock, Payload
 from ..bag_contents import unpacked

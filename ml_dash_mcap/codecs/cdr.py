@@ -1,0 +1,19 @@
+"""ROS 2 and DDS messages, serialised as CDR: read only."""
+
+from __future__ import annotations
+
+from . import ros_channel
+from .codec import MessageCodec
+from .encoded_channel import Decoder, EncodedChannel
+
+
+class CdrCodec(MessageCodec):
+    """Messages whose schema is a ROS 2 definition or IDL."""
+
+    def decoder(self, channel: EncodedChannel) -> Decoder | None:
+        """Return what makes rows of a channel's messages."""
+        is_described = ros_channel.is_described(channel.schema, ("ros2msg", "ros2idl", "omgidl"))
+        return ros_channel.decoder(channel, is_ros1=False) if is_described else None
+
+
+CODEC = CdrCodec()

@@ -1,0 +1,212 @@
+"""What an encoding of messages does: one protocol, which the recorder, the writer thread and the readers ask."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
+
+from ..rows.shape import Shape
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from ..mcap.row_arrays import Rows
+    from .encoded_channel import Decoder, EncodedChannel, Row
+
+UNKNOWN_FORM = -1
+"""The form of rows of which nothing is known but that they may hold anything."""
+
+LONG_ROW_BYTES = 256 * 1024
+"""Rows from this many bytes on are decoded one by one to learn their shape, and not with the others of their block."""
+
+
+class Columns(NamedTuple):
+    """Rows of one channel as flat columns."""
+
+    arrays: dict[str, Any]
+    """Arrow arrays by dotted name, in the types that `rows.table` gives the same rows."""
+    others: npt.NDArray[np.intp]
+    """Numbers of the payloads that are not in the arrays, because only Python objects hold their rows without loss."""
+
+
+class ColumnReader(Protocol):
+    """Reads the rows of one channel, block by block, as columns. Any thread may call it."""
+
+    def read(self, payloads: Sequence[bytes]) -> Columns | None:
+        """Return the columns of a block of rows; None if only Python objects hold them without loss."""
+
+    def read_exactly(self, payloads: Sequence[bytes]) -> dict[str, Any] | None:
+        """Return columns that tell all that the rows do, or None.
+
+        In them no null stands for a field that a row lacks, no double for an integer, and a dot in a name only for a
+        dict in a dict.
+        """
+
+
+class BlockForms(Protocol):
+    """The forms and shapes of the rows of all channels of one encoding so far. Used by the writer thread only.
+
+    Rows of one form have the same top-level keys. A form is a number that its channel's rows have in one block.
+    """
+
+    @property
+    def size(self) -> int:
+        """How much is remembered, in bytes, about."""
+
+    def begin_block(self) -> None:
+        """Begin a block; forms that were returned before may be forgotten."""
+
+    def forget(self) -> None:
+        """Forget all but the shapes."""
+
+    def learn(self, channel: int, payload: bytes) -> int:
+        """Widen a channel's shape by one row; returns the row's form, or `UNKNOWN_FORM`."""
+
+    def of_rows(self, rows: Rows) -> npt.NDArray[np.int32]:
+        """Return the form of each row, [N], and widen the channels' shapes. None of the rows is a long one."""
+
+    def shape_of(self, channel: int) -> Shape | None:
+        """Return the shape of a channel's rows so far; None if it has had no rows."""
+
+    def keys_of(self, channel: int, form: int) -> frozenset[str]:
+        """Return the top-level keys of a channel's form, which is not `UNKNOWN_FORM`."""
+
+
+class EncodedColumns(NamedTuple):
+    """Some rows, given as columns, as Message records."""
+
+    records: bytes
+    """One after the other."""
+    starts: npt.NDArray[np.int64]
+    """Where each of them starts, [N]."""
+    last_s: float
+    """The last row's time stamp, in seconds."""
+    is_uniform: bool
+    """Whether all of them have the same fields, of the same types and shapes."""
+
+
+class MessageCodec(Protocol):
+    """An encoding that can be read."""
+
+    def decoder(self, channel: EncodedChannel) -> Decoder | None:
+        """Return what makes rows of a channel's messages; None if its schema is in a language that does not fit.
+
+        The function raises a `ValueError` for a payload that is not in this encoding.
+
+        Raises:
+            EncodingError: The schema cannot be used.
+        """
+
+    def decode_plain(self, payloads: Sequence[bytes]) -> list[Row] | None:
+        """Return rows of payloads of which nothing but the syntax is to be read; None where something else is."""
+        return None
+
+    def column_reader(self, columns: Sequence[str] | None) -> ColumnReader | None:
+        """Return what makes columns of a channel's messages; None if all go through rows.
+
+        Args:
+            columns: Dotted names of those that will be wanted; None for all. Others may come back with them.
+        """
+        return None
+
+
+@runtime_checkable
+class Codec(MessageCodec, Protocol):
+    """An encoding that rows can be recorded in. Its methods may be called by any thread.
+
+    What it encodes ends with the row's time stamp, under `_ts`.
+    """
+
+    message_encoding: str
+    schema_encoding: str
+
+    # -- append: an appending thread calls these -----------------------------------------------------------------------
+
+    dumps: Callable[[dict[str, Any], Callable[[Any], Any]], bytes]
+    """Encodes the fields of a row, the time stamp last, fast; whatever it raises, `encode_exactly` is called then. The
+    second argument is `default`: orjson is called by `append` as it is, without a function of Python between."""
+    default: Callable[[Any], Any]
+    probe: int | bytes
+    """A payload of `dumps` with this in it goes through `recheck`."""
+
+    def encode_exactly(self, fields: Mapping[str, Any], topic: str) -> bytes:
+        """Encode a row that `dumps` could not, or not without loss.
+
+        Raises:
+            FieldError: A value cannot be stored; the message names the topic and the field.
+        """
+
+    def recheck(self, payload: bytes, fields: Mapping[str, Any], topic: str, probe: int | bytes) -> tuple[bytes, Any]:
+        """Return the payload that a row should have, and the probe for the topic's next rows.
+
+        Args:
+            payload: What `dumps` returned.
+            fields: Of the row.
+            topic: For the error messages.
+            probe: What was found in the payload.
+        """
+
+    def encode(self, fields: dict[str, Any], topic: str) -> bytes:
+        """Encode a row whose fields end with its time stamp; what `append` does, for those with more time."""
+        try:
+            payload = self.dumps(fields, self.default)
+        except Exception:  # whatever it was, the other way names it
+            return self.encode_exactly(fields, topic)
+        return self.recheck(payload, fields, topic, self.probe)[0]
+
+    def encode_columns(
+        self, times: npt.NDArray[np.float64], columns: Mapping[str, Any], topic: str, head: bytes
+    ) -> Iterator[EncodedColumns] | None:
+        """Encode many rows, given as columns of numbers; None where they are to be encoded row by row.
+
+        Args:
+            times: Time stamps, [N], s.
+            columns: By field, arrays of numbers [N, ...], masked ones among them, or dicts of such.
+            topic: For the error messages.
+            head: Channel id and sequence number as they stand in a Message record.
+        """
+        return None
+
+    # -- the writer: its thread calls these ----------------------------------------------------------------------------
+
+    def forms(self) -> BlockForms:
+        """Return what learns the shapes of rows, for one recorder."""
+
+    def schema(self, shape: Shape | None, title: str) -> bytes:
+        """Return the schema of rows of a shape, in `schema_encoding`.
+
+        Args:
+            shape: What the rows look like so far; None before the first row.
+            title: The topic's name.
+        """
+
+    def padded(self, schema: bytes, length: int) -> bytes:
+        """Return a schema with a padding that readers pass over, so that it has a length and can grow in place."""
+
+    def cut(self, payloads: Sequence[bytes]) -> list[int]:
+        """Return where each row's time stamp begins, with its key; it goes on to the end of the payload."""
+
+    def keys_of(self, payload: bytes) -> frozenset[str]:
+        """Return a row's top-level keys, that of the time stamp among them."""
+
+    def time_of(self, payload: bytes) -> float:
+        """Return the time stamp, in seconds, without decoding the rest."""
+
+    def with_time(self, payload: bytes, seconds: float) -> bytes:
+        """Return a row at another time stamp; nothing else of it changes.
+
+        Raises:
+            ValueError: It has no time stamp.
+        """
+
+    def join(self, payloads: Sequence[bytes]) -> bytes:
+        """Merge rows of one time stamp, the earliest first: for each top-level key, the last row that has it wins."""
+
+    def join_disjoint(self, payloads: Sequence[bytes], cuts: Sequence[int]) -> bytes:
+        """Merge rows of one time stamp that have no top-level key in common; `cuts` are theirs."""
+
+    # -- copies --------------------------------------------------------------------------------------------------------
+
+    def encode_read(self, row: Row) -> bytes:
+        """Encode a row that was read, which may hold what `encode` refuses."""

@@ -1,0 +1,80 @@
+"""A channel whose messages are to be decoded, and what its user is told of those that cannot be."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import EncodingError, UndecodedWarning
+from ..mcap.records import Channel, Schema
+from .decoding import Decoding
+from .ros.distros import Likely
+
+Row = dict[str, Any]
+
+Decoder = Callable[[bytes], "Row | None"]
+"""Returns a message's row; None for a message that is left out."""
+
+RAW_FIELD = "data"
+"""Holds the payload of messages that are not decoded."""
+
+ODD_FIELD = "_data"
+"""Holds the payload of a message that is not decoded among others that are, and may have a field `data`."""
+
+_ROS = ("ros1", "cdr")
+
+
+@dataclass(frozen=True, slots=True)
+class EncodedChannel:
+    """A channel, its schema, and what to do with messages that these do not say enough of."""
+
+    channel: Channel
+    schema: Schema
+    decoding: Decoding
+    likely: Callable[[], Likely]
+    """Returns the distributions of ROS 2 that the messages may come from."""
+
+    def warn(self, category: type[Warning], what: str) -> None:
+        """Tell the user something about the topic."""
+        warnings.warn(f"topic {self.channel.topic!r}{what}", category, stacklevel=2)
+
+    @property
+    def hint(self) -> str:
+        """What to pass so that the messages are decoded; empty where there is nothing."""
+        if self.channel.message_encoding not in _ROS:
+            return ""
+        return f"; pass definitions={{{self.schema.name!r}: <its .msg text>}} to decode it"
+
+    def give_up(self, why: str, hint: str = "", field: str = RAW_FIELD) -> Decoder:
+        """Return what stands for a decoder where there is none, and tell the user.
+
+        Raises:
+            EncodingError: The user wants it so.
+        """
+        how = self.decoding.on_unknown
+        if how == "raise":
+            raise EncodingError(f"topic {self.channel.topic!r}{why}{hint}")
+        if how == "skip":
+            self.warn(UndecodedWarning, f"{why}; it is left out{hint}")
+            return _leave_out
+        self.warn(UndecodedWarning, f"{why}; its rows have the bytes of each as {field!r}{hint}")
+        return lambda payload: {field: payload}
+
+    def misfit(self, field: str = ODD_FIELD) -> Callable[[bytes, Exception], Row | None]:
+        """Return what takes a message that is not what its schema says; the user is told of the first one."""
+        carriers: list[Decoder] = []
+
+        def take(payload: bytes, why: Exception) -> Row | None:
+            if not carriers:
+                encoding = self.channel.message_encoding
+                what = f" has a message of {len(payload)} bytes that is no {self.schema.name} in {encoding}: {why}"
+                carriers.append(self.give_up(f"{what}; such a message is not decoded", self.hint, field))
+            return carriers[0](payload)
+
+        return take
+
+
+def _leave_out(payload: bytes) -> None:
+    return None

@@ -1,0 +1,25 @@
+"""The JSON Schema of a topic's rows as bytes, for all encodings that are described by one."""
+
+from __future__ import annotations
+
+import orjson
+
+from ..rows import schema
+from ..rows.shape import Shape
+
+ENCODING = "jsonschema"
+
+
+def of_shape(shape: Shape | None, title: str) -> bytes:
+    """Return the schema of rows of a shape.
+
+    Args:
+        shape: What the rows look like so far; None before the first row.
+        title: The topic's name.
+    """
+    return orjson.dumps({"type": "object", "title": title} if shape is None else schema.to_json(shape, title))
+
+
+def padded(text: bytes, length: int) -> bytes:
+    """Return a schema with blanks behind it, which are no part of it."""
+    return text.ljust(length)
