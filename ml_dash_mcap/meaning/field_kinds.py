@@ -15,7 +15,7 @@ Shape = tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class FieldKind:
+class FieldMeaning:
     """Fields that measure the same."""
 
     names: tuple[str, ...]
@@ -32,39 +32,39 @@ class FieldKind:
         return tuple(f"{owner}_{name}" for name in self.names) if owner else self.names
 
 
-POSITION = FieldKind(("pos", "position", "xyz", "translation", "trans"), "length", ((3,),), has_owner=True)
-ORIENTATION = FieldKind(("quat", "orientation", "quaternion", "rotation", "rot"), None, ((4,),), has_owner=True)
-POSE = FieldKind(("pose", "transform"), "length", ((4, 4), (16,), (7,)), has_owner=True)
+POSITION = FieldMeaning(("pos", "position", "xyz", "translation", "trans"), "length", ((3,),), has_owner=True)
+ORIENTATION = FieldMeaning(("quat", "orientation", "quaternion", "rotation", "rot"), None, ((4,),), has_owner=True)
+POSE = FieldMeaning(("pose", "transform"), "length", ((4, 4), (16,), (7,)), has_owner=True)
 """A 4x4 matrix, also as 16 numbers row by row; or a position and a quaternion."""
 
-JOINT_POSITION = FieldKind(
+JOINT_POSITION = FieldMeaning(
     ("q", "qpos", "joint_pos", "joint_position", "joint_positions", "joint_angle", "joint_angles", "joints"), "angle"
 )
-JOINT_VELOCITY = FieldKind(
+JOINT_VELOCITY = FieldMeaning(
     ("qd", "dq", "qvel", "joint_vel", "joint_velocity", "joint_velocities", "joint_speed", "joint_speeds"),
     "angular velocity",
 )
-JOINT_EFFORT = FieldKind(
+JOINT_EFFORT = FieldMeaning(
     ("tau", "effort", "joint_torque", "joint_torques", "torques", "efforts", "joint_effort", "joint_efforts"), "torque"
 )
-NAMED_POSITION = FieldKind(("position", "positions"), "angle")
-NAMED_VELOCITY = FieldKind(("velocity", "velocities"), "angular velocity")
-NAMED_EFFORT = FieldKind(("effort", "efforts"), "torque")
+NAMED_POSITION = FieldMeaning(("position", "positions"), "angle")
+NAMED_VELOCITY = FieldMeaning(("velocity", "velocities"), "angular velocity")
+NAMED_EFFORT = FieldMeaning(("effort", "efforts"), "torque")
 """What joints have whose names are given, and what means something else without them."""
-JOINT_COMMAND = FieldKind(("target_q", "q_des", "q_cmd"), "angle")
-GRIPPER = FieldKind(("gripper", "gripper_pos", "gripper_width"), "angle")
+JOINT_COMMAND = FieldMeaning(("target_q", "q_des", "q_cmd"), "angle")
+GRIPPER = FieldMeaning(("gripper", "gripper_pos", "gripper_width"), "angle")
 
-LINEAR_VELOCITY = FieldKind(("linear", "lin_vel"), "velocity", ((3,),))
-ANGULAR_VELOCITY = FieldKind(("angular", "ang_vel"), "angular velocity", ((3,),))
-TWIST = FieldKind(("ee_vel", "ee_twist", "twist"), ("velocity", "angular velocity"), ((6,),))
-FORCE = FieldKind(("force",), "force", ((3,),))
-TORQUE = FieldKind(("torque",), "torque", ((3,),))
-WRENCH = FieldKind(("wrench", "ee_wrench"), ("force", "torque"), ((6,),))
+LINEAR_VELOCITY = FieldMeaning(("linear", "lin_vel"), "velocity", ((3,),))
+ANGULAR_VELOCITY = FieldMeaning(("angular", "ang_vel"), "angular velocity", ((3,),))
+TWIST = FieldMeaning(("ee_vel", "ee_twist", "twist"), ("velocity", "angular velocity"), ((6,),))
+FORCE = FieldMeaning(("force",), "force", ((3,),))
+TORQUE = FieldMeaning(("torque",), "torque", ((3,),))
+WRENCH = FieldMeaning(("wrench", "ee_wrench"), ("force", "torque"), ((6,),))
 
-ACCELERATION = FieldKind(("accel", "acceleration", "linear_acceleration"), "acceleration", ((3,),))
-ANGULAR_RATE = FieldKind(("gyro", "angular_velocity"), "angular velocity", ((3,),))
-MAGNETIC_FIELD = FieldKind(("mag",), "magnetic field", ((3,),))
-TEMPERATURE = FieldKind(("temp", "temperature"), "temperature", ((),))
+ACCELERATION = FieldMeaning(("accel", "acceleration", "linear_acceleration"), "acceleration", ((3,),))
+ANGULAR_RATE = FieldMeaning(("gyro", "angular_velocity"), "angular velocity", ((3,),))
+MAGNETIC_FIELD = FieldMeaning(("mag",), "magnetic field", ((3,),))
+TEMPERATURE = FieldMeaning(("temp", "temperature"), "temperature", ((),))
 
 _MATRIX = re.compile(r"(?:^|_)T(?:_|$)")
 """A matrix in the words of kinematics: `T_base_ee`, `ee_T`. A small letter is a time."""
@@ -88,7 +88,7 @@ def spelled(name: str) -> str:
     return _JOINT.sub("joint_", name.lower(), count=1) if name[:5].lower() == "joint" else name.lower()
 
 
-def owner_of(name: str, kind: FieldKind) -> str | None:
+def owner_of(name: str, kind: FieldMeaning) -> str | None:
     """Return what a field of a kind belongs to by its name; "" if that does not say it, None for other fields."""
     lower = spelled(name)
     for word in kind.names:

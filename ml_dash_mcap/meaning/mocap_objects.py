@@ -47,7 +47,7 @@ _GRIPPER = re.compile("gripper", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class NumberSource:
     """Where an object's numbers stand: some fields, their values flattened and put side by side, or a part of that."""
 
     fields: tuple[Path, ...]
@@ -73,13 +73,13 @@ class Body:
 
     name: str
     topic: str
-    position: Source
+    position: NumberSource
     """x y z; of a matrix all 16 numbers, row by row."""
-    rotation: Source | None
+    rotation: NumberSource | None
     """The quaternion; None if `position` is a 4x4 matrix."""
     order: str = "xyzw"
     """Of the quaternion's numbers."""
-    error: Source | None = None
+    error: NumberSource | None = None
     """The mean error of its markers, a length."""
 
     @property
@@ -94,7 +94,7 @@ class Marker:
 
     name: str
     topic: str
-    position: Source
+    position: NumberSource
     kind: str = "Marker"
 
 
@@ -104,7 +104,7 @@ class Joint:
 
     name: str
     topic: str
-    value: Source
+    value: NumberSource
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,21 +156,21 @@ def is_joints(path: Path, metadata: Mapping[str, Any]) -> bool:
     return _joint_suffix(path[-1], bool(_joint_names(metadata))) is not None
 
 
-def _gather(shapes: Shapes) -> dict[Path, Source]:
+def _gather(shapes: Shapes) -> dict[Path, NumberSource]:
     """Return every field as a source; dicts of x y z and of x y z w as one."""
-    sources: dict[Path, Source] = {}
+    sources: dict[Path, NumberSource] = {}
     for path, shape in shapes.items():
         parent = path[:-1]
         letters = {one[-1] for one in shapes if one[:-1] == parent and shapes[one] == ()}
         if parent and shape == () and letters in ({"x", "y", "z"}, {"x", "y", "z", "w"}):
             names = "xyzw"[: len(letters)]
-            sources[parent] = Source(tuple((*parent, letter) for letter in names), ())
+            sources[parent] = NumberSource(tuple((*parent, letter) for letter in names), ())
         else:
-            sources[path] = Source((path,), shape)
+            sources[path] = NumberSource((path,), shape)
     return sources
 
 
-def _bodies(topic: str, fields: Mapping[Path, Source], order: str) -> list[Body]:
+def _bodies(topic: str, fields: Mapping[Path, NumberSource], order: str) -> list[Body]:
     levels: dict[Path, dict[str, tuple[int, ...]]] = {}
     for path, source in fields.items():
         levels.setdefault(path[:-1], {})[path[-1]] = source.shape or (source.size,)
@@ -180,13 +180,13 @@ def _bodies(topic: str, fields: Mapping[Path, Source], order: str) -> list[Body]
 
 
 def _body(
-    topic: str, fields: Mapping[Path, Source], order: str, parent: Path, pose: PoseFields, *, is_only: bool
+    topic: str, fields: Mapping[Path, NumberSource], order: str, parent: Path, pose: PoseFields, *, is_only: bool
 ) -> Body:
     path: Path = (*parent, pose.position)
     position, owner = fields[path], pose.owner
     rotation = None if pose.orientation is None else fields.get((*parent, pose.orientation))
     if position.shape == (7,):
-        position, rotation = Source(position.fields, (7,), 0, 3), Source(position.fields, (7,), 3, 7)
+        position, rotation = NumberSource(position.fields, (7,), 0, 3), NumberSource(position.fields, (7,), 3, 7)
     elif rotation is None:
         owner = pose.position
     elif rotation.shape == ():
@@ -195,16 +195,16 @@ def _body(
     return Body(name, topic, position, rotation, order, _error(parent, fields))
 
 
-def _error(parent: Path, fields: Mapping[Path, Source]) -> Source | None:
+def _error(parent: Path, fields: Mapping[Path, NumberSource]) -> NumberSource | None:
     error = fields.get((*parent, "mean_marker_error"))
     return error if error is not None and error.shape == () else None
 
 
-def _is_point(source: Source) -> bool:
+def _is_point(source: NumberSource) -> bool:
     return source.size == 3 and len(source.shape) < 2
 
 
-def _markers(topic: str, fields: Mapping[Path, Source], metadata: Mapping[str, Any]) -> list[Marker]:
+def _markers(topic: str, fields: Mapping[Path, NumberSource], metadata: Mapping[str, Any]) -> list[Marker]:
     prefix = "" if topic == MARKERS_TOPIC else f"{topic}:"
     found: list[Marker] = []
     for path, source in fields.items():
@@ -221,13 +221,13 @@ def _markers(topic: str, fields: Mapping[Path, Source], metadata: Mapping[str, A
     return found
 
 
-def _rows(prefix: str, topic: str, path: Path, source: Source, names: Any) -> list[Marker]:
+def _rows(prefix: str, topic: str, path: Path, source: NumberSource, names: Any) -> list[Marker]:
     """Return the markers of a field [M, 3]."""
     count = source.shape[0]
     if not isinstance(names, Sequence) or isinstance(names, str) or len(names) != count:
         names = [f"{path[-1]}{number + 1}" for number in range(count)]
     return [
-        Marker(f"{prefix}{name}", topic, Source(source.fields, source.shape, 3 * number, 3 * number + 3))
+        Marker(f"{prefix}{name}", topic, NumberSource(source.fields, source.shape, 3 * number, 3 * number + 3))
         for number, name in enumerate(names)
     ]
 
@@ -244,11 +244,11 @@ def _joints(topic: str, shapes: Shapes, used: set[Path], metadata: Mapping[str, 
             count = math.prod(shape)
             of = names if len(names) == count else [f"q{number}" for number in range(count)]
             found += [
-                Joint(f"{name}{suffix}", topic, Source((path,), shape, number, number + 1))
+                Joint(f"{name}{suffix}", topic, NumberSource((path,), shape, number, number + 1))
                 for number, name in enumerate(of)
             ]
         elif shape == () and _GRIPPER.search(path[-1]):
-            found.append(Joint(".".join(path), topic, Source((path,), ())))
+            found.append(Joint(".".join(path), topic, NumberSource((path,), ())))
     return found
 
 

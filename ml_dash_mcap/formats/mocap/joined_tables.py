@@ -22,7 +22,7 @@ def joined(one: Iterable[Rows], other: Iterable[Rows], widths: tuple[int, int]) 
         other: The same.
         widths: How many columns they have.
     """
-    left, right = _Stream(one, widths[0]), _Stream(other, widths[1])
+    left, right = _RowStream(one, widths[0]), _RowStream(other, widths[1])
     while True:
         bound = min(left.bound(), right.bound())
         first, second = left.take(bound), right.take(bound)
@@ -34,7 +34,7 @@ def joined(one: Iterable[Rows], other: Iterable[Rows], widths: tuple[int, int]) 
             return
 
 
-class _Stream:
+class _RowStream:
     """One table, of which some rows were read and not yet taken."""
 
     def __init__(self, rows: Iterable[Rows], width: int) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import orjson
 
-from ...meaning.mocap_objects import Body, Joint, Marker, Path, Source
+from ...meaning.mocap_objects import Body, Joint, Marker, NumberSource, Path
 
 NOTE_KEY = "ML Dash Note"
 """What the note is called in a header of pairs; its value is JSON."""
@@ -122,7 +122,7 @@ class Placing:
             if thing.error is not None:
                 self._put(thing.topic, thing.error, where.get("error", []))
 
-    def _put(self, topic: str, source: Source, columns: list[int]) -> None:
+    def _put(self, topic: str, source: NumberSource, columns: list[int]) -> None:
         size = math.prod(source.shape)
         for number, column in enumerate(columns, source.start):
             path = source.fields[number // size]

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...errors import ConversionWarning
 from ..text.headers import preview
-from ..text.number_cells import Cells, Floats, Part
+from ..text.number_cells import Cells, Floats, NumberPart
 
 _SLACK = 1e-6
 """Of the last printed digit: what doubles may be off by."""
@@ -155,7 +155,7 @@ def _grid(cells: Cells, column: int, lines: Sequence[str]) -> float:
     return 10.0**finest
 
 
-def _by_frames(clue: Clue, parts: Iterable[Part], grid: float) -> Timing | None:
+def _by_frames(clue: Clue, parts: Iterable[NumberPart], grid: float) -> Timing | None:
     """Return the times of frames at the header's rate; None if a printed time contradicts them."""
     assert clue.rate
     first: tuple[float, float] | None = None

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ...errors import ConversionError
-from ...meaning.mocap_objects import Source
+from ...meaning.mocap_objects import NumberSource
 from ...query.topic_part import TopicPart
 from ...rows import numpy_columns
 from ...rows.encode import TIME_KEY
@@ -30,7 +30,7 @@ Floats = npt.NDArray[np.float64]
 class Samples:
     """Reads a topic once, from its first row to its last; memory holds what was asked for last."""
 
-    def __init__(self, part: TopicPart, sources: Sequence[Source], counter: RowCounter) -> None:
+    def __init__(self, part: TopicPart, sources: Sequence[NumberSource], counter: RowCounter) -> None:
         self._topic = part.topic
         self._shapes = {column: source.shape for source in sources for column in source.columns}
         self._at: dict[str, int] = {}
@@ -44,7 +44,7 @@ class Samples:
         self._values: Floats = np.empty((0, width))
         self._is_over = False
 
-    def places(self, source: Source) -> list[int]:
+    def places(self, source: NumberSource) -> list[int]:
         """Return in which columns of the matrix a source's numbers stand."""
         size = math.prod(source.shape)
         every = [self._at[column] + number for column in source.columns for number in range(size)]

@@ -26,7 +26,7 @@ _WINDOW = 1024
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class FrameWindow:
     """Some frames of a take."""
 
     frames: npt.NDArray[np.int64]
@@ -38,7 +38,7 @@ class Window:
 
 
 @dataclass(frozen=True, slots=True)
-class Take:
+class OutgoingTake:
     """What is to be written, and on which clock."""
 
     job: Job
@@ -56,7 +56,7 @@ class Take:
         source = thing.value if isinstance(thing, Joint) else thing.position
         return space.unit_of(self.job.topics[thing.topic].metadata, source.columns[0])
 
-    def windows(self) -> Iterator[Window]:
+    def windows(self) -> Iterator[FrameWindow]:
         """Yield all frames, some thousand at a time.
 
         Raises:
@@ -71,7 +71,7 @@ class Take:
             values = np.full((len(part.frames), width), np.nan)
             for topic in topics:
                 topic.fill(values, part.times, first)
-            yield Window(part.frames, part.times - self.clock.origin, values)
+            yield FrameWindow(part.frames, part.times - self.clock.origin, values)
         counter.finish()
         bad = sum(topic.bad for topic in topics)
         if bad:

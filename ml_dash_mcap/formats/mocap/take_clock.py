@@ -26,7 +26,7 @@ _MOST_DECIMALS = 9
 """Nanoseconds."""
 
 
-class Part(NamedTuple):
+class ClockPart(NamedTuple):
     """Some frames of a clock."""
 
     frames: npt.NDArray[np.int64]
@@ -68,17 +68,17 @@ class Clock:
         needed = math.ceil(-math.log10(shortest_s * frames.TOLERANCE)) if shortest_s else 0
         return max(decimals, min(needed, _MOST_DECIMALS))
 
-    def part(self, first: int, stop: int) -> Part:
+    def part(self, first: int, stop: int) -> ClockPart:
         """Return the frames [first, stop)."""
         which = np.arange(first, stop)
         if self.is_resampled:
-            return Part(which, self.first_s + which / self.rate)
+            return ClockPart(which, self.first_s + which / self.rate)
         after = np.minimum(np.searchsorted(self.numbers, which), len(self.numbers) - 1)
         before = np.maximum(after - 1, 0)
         span = np.maximum(self.numbers[after] - self.numbers[before], 1)
         back = (self.numbers[after] - which) * (self.times_ns[after] - self.times_ns[before]) / span
         times = self.times_ns[after] - np.rint(back).astype(np.int64)
-        return Part(which, np.array(clocks.to_seconds_each(times.tolist())))
+        return ClockPart(which, np.array(clocks.to_seconds_each(times.tolist())))
 
     def frames_of(self, times: npt.NDArray[np.float64], topic: str) -> npt.NDArray[np.int64]:
         """Return the frames of a topic's rows, by their time stamps, ascending, in s.

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import ConversionError, ConversionWarning
 from ...inspect.field_shapes import Field
 from ...meaning import mocap_objects, rotations
-from ...meaning.mocap_objects import Joint, Objects, Source
+from ...meaning.mocap_objects import Joint, NumberSource, Objects
 from ...rows.encode import TIME_KEY
 from ..export_job import Job
 
@@ -100,10 +100,10 @@ def every_number(job: Job, topic: str) -> list[Joint]:
     for path, shape in shapes.items():
         name = ".".join(path)
         if not shape:
-            found.append(Joint(name, topic, Source((path,), ())))
+            found.append(Joint(name, topic, NumberSource((path,), ())))
             continue
         indices = np.ndindex(*shape)
         for number, index in enumerate(indices):
             label = ".".join((name, *map(str, index)))
-            found.append(Joint(label, topic, Source((path,), shape, number, number + 1)))
+            found.append(Joint(label, topic, NumberSource((path,), shape, number, number + 1)))
     return found

@@ -14,7 +14,7 @@ from ..destination import refuse_existing
 from ..export_job import Job
 from . import take_clock as rates
 from .placement import Note, Placing
-from .take import Floats, Take, Thing
+from .take import Floats, OutgoingTake, Thing
 from .take_contents import found_in, nothing
 from .take_options import TakeOptions
 
@@ -23,7 +23,7 @@ from .take_options import TakeOptions
 class Points:
     """A take's points, in the order of a file's columns."""
 
-    take: Take
+    take: OutgoingTake
     things: tuple[Body | Marker, ...]
     columns: tuple[int, ...]
     """Of the take: x y z of each of them."""
@@ -66,7 +66,7 @@ def find(job: Job, options: TakeOptions, unit: str, *, with_rotations: bool = Fa
         raise ConversionError(nothing(job, any(one.joints for one in found.values())))
     things: list[Thing] = [*bodies, *markers]
     clock = rates.find(job, [thing.topic for thing in things], options.rate)
-    take = Take(job, options, things, clock)
+    take = OutgoingTake(job, options, things, clock)
     points: list[Body | Marker] = []
     columns: list[int] = []
     shifts: list[int] = []

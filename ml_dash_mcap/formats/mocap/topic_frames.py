@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ...errors import ConversionError, ConversionWarning
 from ...meaning import rotations, space
-from ...meaning.mocap_objects import Body, Joint, Marker, Source
+from ...meaning.mocap_objects import Body, Joint, Marker, NumberSource
 from ...query.topic_part import TopicPart
 from ..export_job import RowCounter
 from . import resample
@@ -63,7 +63,7 @@ class TopicFrames:
         self._to = options.up or self._up
         self._samples = Samples(part, [one for thing, _ in things for one, _, _ in parts_of(thing)], counter)
         copied: list[tuple[int, int]] = []
-        self._others: list[tuple[Thing, int, Source, int, str]] = []
+        self._others: list[tuple[Thing, int, NumberSource, int, str]] = []
         for thing, at in things:
             for source, offset, how in parts_of(thing):
                 places = self._samples.places(source)
@@ -106,7 +106,7 @@ class TopicFrames:
                     placed, self._last[at] = rotations.continuous(placed, self._last.get(at))
                 values[rows, at + column : at + column + placed.shape[1]] = placed
 
-    def _prepared(self, thing: Thing, source: Source, how: str, numbers: Floats, times: Floats) -> Floats:
+    def _prepared(self, thing: Thing, source: NumberSource, how: str, numbers: Floats, times: Floats) -> Floats:
         """Return numbers turned to the axes of the file; rotations as x y z w of length 1."""
         if how in ("number", "held"):
             return numbers
@@ -128,7 +128,9 @@ class TopicFrames:
             return space.turned_rotations(found, self._up, self._to)
         return space.turned(numbers, self._up, self._to) if how == "point" else numbers
 
-    def _judge(self, bad: npt.NDArray[np.bool_], numbers: Floats, thing: Thing, source: Source, times: Floats) -> None:
+    def _judge(
+        self, bad: npt.NDArray[np.bool_], numbers: Floats, thing: Thing, source: NumberSource, times: Floats
+    ) -> None:
         """Raise, or count, what is no rotation."""
         if not bad.any():
             return
@@ -186,7 +188,7 @@ def _split(numbers: Floats, offset: int, how: str) -> list[tuple[Floats, int, re
     return [(numbers, offset, kinds.get(how, "linear"))]
 
 
-def parts_of(thing: Thing) -> list[tuple[Source, int, str]]:
+def parts_of(thing: Thing) -> list[tuple[NumberSource, int, str]]:
     """Return an object's sources, each with its first column among the object's and what kind of numbers it has."""
     if isinstance(thing, Joint):
         return [(thing.value, 0, "number")]

@@ -18,7 +18,7 @@ from ...recorder import Recorder, open_topic
 from ...topic import Topic
 from .. import foreign_names
 from ..registry import Progress
-from ..text.number_cells import Cells, Floats, Part
+from ..text.number_cells import Cells, Floats, NumberPart
 from .placement import Placement
 
 TEXT_FIELD = "time_code"
@@ -113,10 +113,12 @@ class Arrays:
         self._tracks[topic].append_batch(rows)
 
 
-class Tracks(Arrays):
+class TopicRows(Arrays):
     """The same out of a text file, whose times may be none."""
 
-    def append_from(self, cells: Cells, times: Floats, values: Floats, part: Part, column: int | None = None) -> None:
+    def append_from(
+        self, cells: Cells, times: Floats, values: Floats, part: NumberPart, column: int | None = None
+    ) -> None:
         """Append rows.
 
         Args:
@@ -166,7 +168,7 @@ def _put(fields: dict[str, Any], path: Sequence[str], array: Any) -> None:
     fields[path[-1]] = array
 
 
-class Report:
+class ReadingProgress:
     """Tells the progress of one file by the bytes read, and in the end what was left out."""
 
     def __init__(self, path: Path, progress: Progress | None) -> None:

@@ -10,7 +10,7 @@ from ...errors import UsageError
 from ...recorder import Recorder
 from ..registry import Progress
 from . import table_intake
-from .table_intake import Counter, TableFile
+from .table_intake import TableFile, TableProgress
 from .table_options import TableReadOptions
 
 
@@ -48,7 +48,7 @@ def record(
     files = of(src)
     if options.topic is not None and len(files) > 1:
         raise UsageError(f"{src}: topic={options.topic!r} names one topic, but there are {len(files)} files")
-    counter = Counter(progress, sum(map(rows, files)) if progress is not None else 0)
+    counter = TableProgress(progress, sum(map(rows, files)) if progress is not None else 0)
     names = _distinct(files)
     for path, name in zip(files, names, strict=True):
         file = opened(path)

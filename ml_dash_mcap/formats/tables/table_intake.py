@@ -64,7 +64,7 @@ class TableFile(Protocol):
         """Close the file."""
 
 
-class Counter:
+class TableProgress:
     """Tells the progress of some files."""
 
     def __init__(self, progress: Progress | None, total: int) -> None:
@@ -85,7 +85,7 @@ class Counter:
             self._progress(self._total, self._total)
 
 
-def record(file: TableFile, name: str, recorder: Recorder, options: TableReadOptions, counter: Counter) -> None:
+def record(file: TableFile, name: str, recorder: Recorder, options: TableReadOptions, counter: TableProgress) -> None:
     """Append a table to a recorder.
 
     Args:

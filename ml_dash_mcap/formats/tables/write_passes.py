@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ...rows.table import Block
 
 
-class Layout(Protocol):
+class GrowingLayout(Protocol):
     """What is known of the blocks so far."""
 
     def holds(self, block: Block) -> bool:
@@ -26,7 +26,7 @@ class Layout(Protocol):
 
 def write(
     read: Callable[[], Iterator[Block]],
-    layout: Layout,
+    layout: GrowingLayout,
     begin: Callable[[], AbstractContextManager[Callable[[Block], None]]],
     count: Callable[[int], None],
 ) -> None:

@@ -17,7 +17,7 @@ _LONGEST_BYTES = 1 << 26
 _PREVIEW_BYTES = 1 << 16
 
 
-class Header:
+class HeaderLines:
     """Reads lines from the start of a file and counts them."""
 
     def __init__(self, path: Path, file: BinaryIO) -> None:

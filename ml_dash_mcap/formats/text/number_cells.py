@@ -39,7 +39,7 @@ _EDGES = re.compile(rb"^ | (?=\r?$)", re.MULTILINE)
 _DIALECT = Dialect(",")
 
 
-class Chunk(NamedTuple):
+class TextChunk(NamedTuple):
     """Some lines of a file."""
 
     data: bytes
@@ -49,7 +49,7 @@ class Chunk(NamedTuple):
     """How many bytes of the file were read so far."""
 
 
-class Part(NamedTuple):
+class NumberPart(NamedTuple):
     """Some rows of a table."""
 
     values: Floats
@@ -90,7 +90,7 @@ class Cells:
     bad: int = field(default=0, init=False)
     """How many cells were no numbers, so far."""
 
-    def read(self, file: BinaryIO, line: int, stop: int | None = None) -> Iterator[Part]:
+    def read(self, file: BinaryIO, line: int, stop: int | None = None) -> Iterator[NumberPart]:
         """Yield the table's rows, some at a time.
 
         Args:
@@ -121,7 +121,7 @@ class Cells:
         rows = [lenient._line(line, 0)[0] for line in lines if not self.dialect.is_blank(line)]
         return np.array(rows, np.float64).reshape(-1, self.columns)
 
-    def _chunks(self, file: BinaryIO, line: int, stop: int | None) -> Iterator[Chunk]:
+    def _chunks(self, file: BinaryIO, line: int, stop: int | None) -> Iterator[TextChunk]:
         rest, left = b"", None if stop is None else stop - file.tell()
         while True:
             chunk = file.read(_CHUNK_BYTES if left is None else min(_CHUNK_BYTES, left))
@@ -133,21 +133,21 @@ class Cells:
                 if len(rest) > _LONGEST_LINE_BYTES:
                     raise ForeignFileError(self.path, f"the line has more than {_LONGEST_LINE_BYTES} bytes", line)
             if data:
-                yield Chunk(data, line, file.tell())
+                yield TextChunk(data, line, file.tell())
             line += data.count(b"\n")
             if not chunk:
                 return
 
-    def _parse(self, chunk: Chunk) -> Part:
+    def _parse(self, chunk: TextChunk) -> NumberPart:
         data = chunk.data
         if data.isspace() and not self.keeps_blank_rows:
             none: npt.NDArray[np.int64] = np.empty(0, np.int64)
-            return Part(np.empty((0, self.columns)), none, {}, chunk.at, 0)
+            return NumberPart(np.empty((0, self.columns)), none, {}, chunk.at, 0)
         if self.dialect.separator == " ":
             data = _EDGES.sub(b"", _BLANKS.sub(b" ", data))
         return self._fast(data, chunk) or self._slow(data, chunk)
 
-    def _fast(self, data: bytes, chunk: Chunk) -> Part | None:
+    def _fast(self, data: bytes, chunk: TextChunk) -> NumberPart | None:
         """Return the rows of lines that are as they should be; None if any is not."""
         names = [str(number) for number in range(self.columns + self.padding)]
         shifts = [*(self.shifts or [0] * self.columns), *[0] * self.padding]
@@ -184,7 +184,7 @@ class Cells:
             lines = chunk.line + np.flatnonzero(there)
         if len(lines) != len(values):
             return None
-        return self._without_blank(Part(values, lines, texts, chunk.at, 0))
+        return self._without_blank(NumberPart(values, lines, texts, chunk.at, 0))
 
     def _padded(self) -> range:
         return range(self.columns, self.columns + self.padding)
@@ -211,7 +211,7 @@ class Cells:
             values[:, number] = column.to_numpy()
         return values, texts
 
-    def _without_blank(self, part: Part) -> Part:
+    def _without_blank(self, part: NumberPart) -> NumberPart:
         """Leave out rows that have nothing in them."""
         missing = np.isnan(part.values[:, 0])
         if self.keeps_blank_rows or not missing.any():
@@ -224,9 +224,9 @@ class Cells:
             return part
         keep = np.flatnonzero(~blank)
         texts = {at: [column[row] for row in keep.tolist()] for at, column in part.texts.items()}
-        return Part(part.values[keep], part.lines[keep], texts, part.at, part.bad)
+        return NumberPart(part.values[keep], part.lines[keep], texts, part.at, part.bad)
 
-    def _slow(self, data: bytes, chunk: Chunk) -> Part:
+    def _slow(self, data: bytes, chunk: TextChunk) -> NumberPart:
         rows: list[list[float]] = []
         lines: list[int] = []
         texts: dict[int, list[str | None]] = {at: [] for at in self.texts}
@@ -243,7 +243,7 @@ class Cells:
                 column.append(said.get(at))
             bad += wrong
         values = np.array(rows, np.float64).reshape(-1, self.columns)
-        return self._without_blank(Part(values, np.array(lines, np.int64), texts, chunk.at, bad))
+        return self._without_blank(NumberPart(values, np.array(lines, np.int64), texts, chunk.at, bad))
 
     def _line(self, text: str, line: int) -> tuple[list[float], int, dict[int, str | None]]:
         """Return a line's numbers, how many of its cells are none, and its texts."""

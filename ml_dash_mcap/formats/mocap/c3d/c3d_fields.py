@@ -21,7 +21,7 @@ _OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
 
 
 @dataclass(slots=True)
-class Layout:
+class C3dFields:
     """Where the numbers of a file go."""
 
     points: list[Placement] = field(default_factory=list)
@@ -36,7 +36,7 @@ class Layout:
     metadata: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
-def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> Layout:
+def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> C3dFields:
     """Return where the numbers of a foreign file go.
 
     Args:
@@ -46,7 +46,7 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> Layou
         unit: Of the file's lengths.
         topic: Of markers that belong to no set.
     """
-    found = Layout(rotation_unit=_rotation_unit(head, unit))
+    found = C3dFields(rotation_unit=_rotation_unit(head, unit))
     outputs = _outputs(head)
     about: dict[str, Any] = {
         "c3d": {"first_frame": head.first, "rate": head.one(layout.POINT, layout.RATE) or head.rate}
@@ -83,7 +83,7 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> Layou
     return found
 
 
-def _say(fields: Layout, one: Placement, unit: str, about: dict[str, Any]) -> None:
+def _say(fields: C3dFields, one: Placement, unit: str, about: dict[str, Any]) -> None:
     said = fields.metadata.setdefault(one.topic, {})
     said.update(about)
     if unit:

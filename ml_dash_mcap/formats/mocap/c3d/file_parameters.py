@@ -22,7 +22,7 @@ _TYPES = {-1: 1, 1: 1, 2: 2, 4: 4}
 
 
 @dataclass(frozen=True, slots=True)
-class Numbers:
+class NumberForm:
     """How a processor spells numbers."""
 
     processor: str
@@ -52,7 +52,7 @@ class Numbers:
 class Head:
     """What a file says of itself before its data."""
 
-    numbers: Numbers
+    numbers: NumberForm
     points: int
     """In a frame."""
     analogs: int
@@ -110,7 +110,7 @@ def read(path: Path, data: memoryview) -> Head:
     processor = _PROCESSORS.get(data[at + 3])
     if processor is None:
         raise ForeignFileError(path, f"it is no whole C3D file: byte {at + 3} names the processor {data[at + 3]}")
-    numbers = Numbers(processor)
+    numbers = NumberForm(processor)
     words = numbers.words(data[:BLOCK])
     end = min(at + max(data[at + 2], 1) * BLOCK, len(data))
     parameters = _parameters(path, data[at + 4 : end], numbers, end < at + data[at + 2] * BLOCK)
@@ -120,11 +120,11 @@ def read(path: Path, data: memoryview) -> Head:
     )  # fmt: skip
 
 
-def _real(numbers: Numbers, data: memoryview, at: int) -> float:
+def _real(numbers: NumberForm, data: memoryview, at: int) -> float:
     return float(numbers.reals(data[at : at + 4])[0])
 
 
-def _parameters(path: Path, data: memoryview, numbers: Numbers, is_cut: bool) -> dict[str, dict[str, Any]]:
+def _parameters(path: Path, data: memoryview, numbers: NumberForm, is_cut: bool) -> dict[str, dict[str, Any]]:
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Any]] = []
     at = 0
@@ -155,7 +155,7 @@ def _parameters(path: Path, data: memoryview, numbers: Numbers, is_cut: bool) ->
     return parameters
 
 
-def _value(data: memoryview, at: int, numbers: Numbers) -> Any:
+def _value(data: memoryview, at: int, numbers: NumberForm) -> Any:
     """Return a parameter's value: text, a list of text, or an array with the first dimension first."""
     kind, dimensions = _signed(data[at]), data[at + 1]
     shape = [int(one) for one in data[at + 2 : at + 2 + dimensions]]

@@ -23,7 +23,7 @@ from ..placement import Note
 from ..take_options import C3dReadOptions
 from ..track_rows import Arrays
 from . import c3d_fields, file_parameters, frame_data, layout
-from .c3d_fields import Layout
+from .c3d_fields import C3dFields
 from .file_parameters import Head
 from .frame_data import Data, Frames
 
@@ -82,7 +82,7 @@ class _Take:
     unit: str
     start: float | None
 
-    def append(self, fields: Layout, progress: Progress | None) -> None:
+    def append(self, fields: C3dFields, progress: Progress | None) -> None:
         """Append a file of another tool."""
         origin = self.start or 0.0
         count = self.data.count
@@ -105,7 +105,7 @@ class _Take:
         if fields.bodies:
             self._append_bodies(fields, origin, hz)
 
-    def _append_bodies(self, fields: Layout, origin: float, hz: float) -> None:
+    def _append_bodies(self, fields: C3dFields, origin: float, hz: float) -> None:
         bodies = Arrays(self.path, self.recorder, fields.bodies, fields.metadata)
         rate = self.head.one(layout.ROTATION, layout.RATE) or hz * self.ratio
         places = self.matrices[:, :, :3, 3] / 10.0 ** DECIMALS[fields.rotation_unit]

@@ -17,7 +17,7 @@ from ...destination import fresh_file, refuse_existing
 from ...export_job import Job
 from .. import take_clock as rates
 from ..placement import Note, Placing, to_text
-from ..take import Floats, Take, Thing
+from ..take import Floats, OutgoingTake, Thing
 from ..take_contents import found_in, nothing
 from ..take_options import C3dWriteOptions
 from . import layout
@@ -54,7 +54,7 @@ def export(job: Job, options: C3dWriteOptions) -> Path:
             f"C3D holds at most {layout.MOST_FRAMES} frames, and these are {clock.count}: choose a part by start= and"
             " end=, or a lower rate="
         )
-    take = Take(job, options, things, clock)
+    take = OutgoingTake(job, options, things, clock)
     values = np.concatenate([window.values for window in take.windows()])
     _fill(file, take, values, options.length_units)
     with fresh_file(job.dest) as path:
@@ -80,7 +80,7 @@ def package() -> Any:
     return ezc3d
 
 
-def _fill(file: Any, take: Take, values: Floats, unit: str) -> None:
+def _fill(file: Any, take: OutgoingTake, values: Floats, unit: str) -> None:
     points = [(thing, at + 4 * isinstance(thing, Body)) for thing, at in take.columns() if not isinstance(thing, Joint)]
     bodies = [(thing, at) for thing, at in take.columns() if isinstance(thing, Body)]
     joints = [(thing, at) for thing, at in take.columns() if isinstance(thing, Joint)]

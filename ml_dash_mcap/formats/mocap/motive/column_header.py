@@ -10,13 +10,13 @@ from typing import NamedTuple
 
 from ....errors import ForeignFileError
 from ...text.dialect import Dialect, number
-from ...text.headers import Header, unit_of_length, without_empty_end
+from ...text.headers import HeaderLines, unit_of_length, without_empty_end
 from . import layout
 
 _TIME_CODES = ("timecode", "smpte", "smptetimecode")
 
 
-class Column(NamedTuple):
+class HeaderColumn(NamedTuple):
     """One column behind those of frame, time and time code."""
 
     type: str
@@ -27,10 +27,10 @@ class Column(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class ColumnHeader:
     """What the columns of a file are."""
 
-    columns: list[Column]
+    columns: list[HeaderColumn]
     time: int
     """The column of times."""
     time_codes: tuple[int, ...] = ()
@@ -60,7 +60,7 @@ def read_pairs(path: Path, line: str, dialect: Dialect) -> dict[str, str]:
     return pairs
 
 
-def read_columns(path: Path, header: Header, dialect: Dialect) -> Layout:
+def read_columns(path: Path, header: HeaderLines, dialect: Dialect) -> ColumnHeader:
     """Read the header's rows; returns what the columns are."""
     rows: list[list[str]] = []
     lines: list[int] = []
@@ -85,14 +85,14 @@ def read_columns(path: Path, header: Header, dialect: Dialect) -> Layout:
             raise ForeignFileError(path, f"the row of {what} has {len(row)} cells, but that of axes {len(axes)}", line)
     axes = [*axes, *[""] * (width - len(axes))][:width]
     found = [
-        Column._make([*(named[what][0][at] for what in ("types", "names", "IDs", "groups")), axes[at]])
+        HeaderColumn._make([*(named[what][0][at] for what in ("types", "names", "IDs", "groups")), axes[at]])
         for at in range(leading, width)
     ]
     for at, column in enumerate(found, leading + 1):
         if not column.type:
             raise ForeignFileError(path, "the column has no type", named["types"][1], at)
     _check(path, found, leading, lines[-1])
-    return Layout(found, time, codes)
+    return ColumnHeader(found, time, codes)
 
 
 def _named(
@@ -126,7 +126,7 @@ def _named(
     return found
 
 
-def _check(path: Path, columns: Sequence[Column], leading: int, line: int) -> None:
+def _check(path: Path, columns: Sequence[HeaderColumn], leading: int, line: int) -> None:
     """Raise if an object does not have the columns that its type has."""
     for group in by_object(columns):
         first = columns[group[0]]
@@ -141,7 +141,7 @@ def _check(path: Path, columns: Sequence[Column], leading: int, line: int) -> No
             raise ForeignFileError(path, f"{first.type} {first.name!r} has no column {' '.join(missing)}", line, at)
 
 
-def by_object(columns: Sequence[Column]) -> list[list[int]]:
+def by_object(columns: Sequence[HeaderColumn]) -> list[list[int]]:
     """Return the columns of each object; one that has all of its columns begins again where they are repeated."""
     groups: dict[tuple[str, str, str], list[list[int]]] = {}
     for at, column in enumerate(columns):
@@ -153,13 +153,13 @@ def by_object(columns: Sequence[Column]) -> list[list[int]]:
     return sorted((group for same in groups.values() for group in same), key=lambda group: group[0])
 
 
-def vectors(columns: Sequence[Column], kind: str, axes: str) -> list[tuple[int, ...]]:
+def vectors(columns: Sequence[HeaderColumn], kind: str, axes: str) -> list[tuple[int, ...]]:
     """Return the columns of each object's position, or of its rotation."""
     having = [{columns[at].axis: at for at in group if columns[at].group == kind} for group in by_object(columns)]
     return [tuple(by_axis[axis] for axis in axes) for by_axis in having if set(axes) <= by_axis.keys()]
 
 
-def axes_of(columns: Sequence[Column], group: Sequence[int], kind: str, axes: str) -> tuple[int, ...]:
+def axes_of(columns: Sequence[HeaderColumn], group: Sequence[int], kind: str, axes: str) -> tuple[int, ...]:
     """Return the columns of some axes of one object, in the order of the axes."""
     by_axis = {columns[at].axis: at for at in group if columns[at].group == kind}
     return tuple(by_axis[axis] for axis in axes)

@@ -10,7 +10,7 @@ from ...foreign_names import distinct
 from .. import stated_units
 from ..placement import Placement
 from . import column_header, layout
-from .column_header import Column, slug
+from .column_header import HeaderColumn, slug
 
 _KEPT = (
     layout.TAKE_NAME,
@@ -24,7 +24,7 @@ _KEPT = (
 
 
 def foreign(
-    columns: Sequence[Column], pairs: Mapping[str, str], unit: str
+    columns: Sequence[HeaderColumn], pairs: Mapping[str, str], unit: str
 ) -> tuple[list[Placement], dict[str, dict[str, Any]]]:
     """Return where the fields of a foreign file's topics stand, and the metadata of the topics.
 
@@ -56,7 +56,7 @@ def foreign(
     }
 
 
-def _body(name: str, columns: Sequence[Column], group: Sequence[int]) -> list[Placement]:
+def _body(name: str, columns: Sequence[HeaderColumn], group: Sequence[int]) -> list[Placement]:
     position = column_header.axes_of(columns, group, layout.POSITION, layout.POSITION_AXES)
     rotation = column_header.axes_of(columns, group, layout.ROTATION, layout.ROTATION_AXES)
     found = [Placement(name, ("pos",), (3,), position), Placement(name, ("quat",), (4,), rotation)]
@@ -67,7 +67,7 @@ def _body(name: str, columns: Sequence[Column], group: Sequence[int]) -> list[Pl
     return [*found, *_others(columns, rest, name, ())]
 
 
-def _marker(columns: Sequence[Column], group: Sequence[int], bodies: Sequence[str]) -> list[Placement]:
+def _marker(columns: Sequence[HeaderColumn], group: Sequence[int], bodies: Sequence[str]) -> list[Placement]:
     first = columns[group[0]]
     topic, name = _topic_of(first, bodies)
     position = column_header.axes_of(columns, group, layout.POSITION, layout.POSITION_AXES)
@@ -79,7 +79,9 @@ def _marker(columns: Sequence[Column], group: Sequence[int], bodies: Sequence[st
     return found
 
 
-def _others(columns: Sequence[Column], group: Sequence[int], topic: str, path: tuple[str, ...]) -> list[Placement]:
+def _others(
+    columns: Sequence[HeaderColumn], group: Sequence[int], topic: str, path: tuple[str, ...]
+) -> list[Placement]:
     """Return a field for each column of a kind that is not known."""
     found = []
     for at in group:
@@ -88,7 +90,7 @@ def _others(columns: Sequence[Column], group: Sequence[int], topic: str, path: t
     return found
 
 
-def _topic_of(column: Column, bodies: Sequence[str]) -> tuple[str, str]:
+def _topic_of(column: HeaderColumn, bodies: Sequence[str]) -> tuple[str, str]:
     """Return a marker's topic and its name there: the body that its name or its ID belongs to, or its set."""
     before, colon, behind = column.name.partition(":")
     if colon and before and behind:

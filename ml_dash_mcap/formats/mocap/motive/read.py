@@ -16,8 +16,8 @@ from ....meaning.units import DECIMALS
 from ....recorder import Recorder
 from ...registry import Progress
 from ...text.dialect import number, of_line
-from ...text.headers import Header, preview
-from ...text.number_cells import Cells, Floats, Part
+from ...text.headers import HeaderLines, preview
+from ...text.number_cells import Cells, Floats, NumberPart
 from ...text.plain_text import opened
 from .. import joined_tables, placement, restored, row_times, start_times
 from ..placement import NOTE_KEY, Note, Placement
@@ -25,7 +25,7 @@ from ..row_times import Clue, Timing
 from ..sto import layout as sto_layout
 from ..sto import read as sto
 from ..take_options import MotiveReadOptions
-from ..track_rows import Report, Tracks, checked
+from ..track_rows import ReadingProgress, TopicRows, checked
 from . import column_header, layout, motive_fields
 
 
@@ -45,9 +45,9 @@ def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: 
     Raises:
         ForeignFileError: The file is not as Motive writes it; says the line and the column.
     """
-    report = Report(src, progress)
+    report = ReadingProgress(src, progress)
     with opened(src) as file, contextlib.ExitStack() as files:
-        header = Header(src, file)
+        header = HeaderLines(src, file)
         first = header.first("its first line")
         dialect = of_line(first.lstrip(' "').removeprefix(layout.FORMAT_VERSION).lstrip(' "')[:1], default=",")
         pairs = column_header.read_pairs(src, first, dialect)
@@ -75,7 +75,7 @@ def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: 
         parts = _restored(cells.read(file, line), note, leading, header_columns) if note else cells.read(file, line)
         beside = sto.beside(src, note.joints if note else None)
         if note is None or beside is None:
-            tracks = Tracks(src, recorder, placements, metadata, skip_empty=note is not None)
+            tracks = TopicRows(src, recorder, placements, metadata, skip_empty=note is not None)
             for part in parts:
                 times = when.stamps(part.values[:, 0], part.values[:, header_columns.time])
                 column = header_columns.time + 1
@@ -84,7 +84,7 @@ def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: 
         else:
             table = files.enter_context(sto.table(beside, on_bad=options.on_bad, start=options.start))
             others, more = table.fields(sto_layout.TOPIC)
-            tracks = Tracks(
+            tracks = TopicRows(
                 src, recorder, [*placements, *_behind(others, len(columns))], {**more, **metadata}, skip_empty=True
             )
             numbers = _stamped(cells, parts, when, leading, report)
@@ -94,7 +94,9 @@ def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: 
     report.finish(cells.bad)
 
 
-def _restored(parts: Iterator[Part], note: Note, leading: int, header_columns: column_header.Layout) -> Iterator[Part]:
+def _restored(
+    parts: Iterator[NumberPart], note: Note, leading: int, header_columns: column_header.ColumnHeader
+) -> Iterator[NumberPart]:
     """Yield the rows of a file that this library wrote, turned to the axes that they had."""
     points = column_header.vectors(header_columns.columns, layout.POSITION, layout.POSITION_AXES)
     rotations = column_header.vectors(header_columns.columns, layout.ROTATION, layout.ROTATION_AXES)
@@ -104,7 +106,7 @@ def _restored(parts: Iterator[Part], note: Note, leading: int, header_columns: c
 
 
 def _stamped(
-    cells: Cells, parts: Iterator[Part], when: Timing, leading: int, report: Report
+    cells: Cells, parts: Iterator[NumberPart], when: Timing, leading: int, report: ReadingProgress
 ) -> Iterator[tuple[Floats, Floats]]:
     """Yield time stamps, [N], s, and numbers, [N, C]."""
     for part in parts:

@@ -27,7 +27,7 @@ from .. import take_clock as rates
 from ..placement import NOTE_KEY, Note, Placing, to_text
 from ..sto import write as sto
 from ..table_text import TableText
-from ..take import Take, Thing
+from ..take import OutgoingTake, Thing
 from ..take_contents import found_in, nothing
 from ..take_options import MocapWriteOptions
 from . import layout
@@ -73,11 +73,11 @@ def write(job: Job, options: MocapWriteOptions) -> Path:
             joints_file = files.enter_context(fresh_file(beside))
             sto.write(job, joints, options, joints_file, decimals=options.decimals, with_origin=with_origin)
         with path.open("wb") as file:
-            _write(Take(job, options, things, clock), options, file, beside.name if has_beside else None)
+            _write(OutgoingTake(job, options, things, clock), options, file, beside.name if has_beside else None)
     return job.dest
 
 
-def _write(take: Take, options: MocapWriteOptions, file: BinaryIO, joints: str | None) -> None:
+def _write(take: OutgoingTake, options: MocapWriteOptions, file: BinaryIO, joints: str | None) -> None:
     columns = list(_columns(take))
     file.write(_header(take, options, columns, joints).encode())
     text = TableText(decimals=options.decimals, time_decimals=take.clock.time_decimals(options.decimals))
@@ -92,7 +92,7 @@ def _write(take: Take, options: MocapWriteOptions, file: BinaryIO, joints: str |
         file.write(text.rows(text.heads(window.frames, window.times), values, shifts))
 
 
-def _columns(take: Take) -> Iterator[_Column]:
+def _columns(take: OutgoingTake) -> Iterator[_Column]:
     for thing, at in take.columns():
         if isinstance(thing, Body):
             yield from _axes(thing, at, layout.ROTATION, layout.ROTATION_AXES)
@@ -111,7 +111,7 @@ def _axes(thing: Thing, first: int, group: str, axes: str) -> Iterator[_Column]:
         yield _Column(thing, column, group, axis, group in layout.LENGTHS)
 
 
-def _header(take: Take, options: MocapWriteOptions, columns: Sequence[_Column], joints: str | None) -> str:
+def _header(take: OutgoingTake, options: MocapWriteOptions, columns: Sequence[_Column], joints: str | None) -> str:
     rows: list[list[str]] = [_pairs(take, options, columns, joints), []]
     rows.append(["", layout.TYPE, *(_type(column.thing) for column in columns)])
     rows.append(["", layout.NAME, *(column.thing.name for column in columns)])
@@ -128,7 +128,7 @@ def _header(take: Take, options: MocapWriteOptions, columns: Sequence[_Column], 
     return text.getvalue()
 
 
-def _pairs(take: Take, options: MocapWriteOptions, columns: Sequence[_Column], joints: str | None) -> list[str]:
+def _pairs(take: OutgoingTake, options: MocapWriteOptions, columns: Sequence[_Column], joints: str | None) -> list[str]:
     clock, topics = take.clock, take.job.topics
     first = take.things[0].topic
     orders = {thing.order for thing in take.things if isinstance(thing, Body)}
@@ -154,7 +154,7 @@ def _pairs(take: Take, options: MocapWriteOptions, columns: Sequence[_Column], j
     return [text for pair in pairs.items() for text in pair]
 
 
-def _note(take: Take, columns: Sequence[_Column], joints: str | None) -> Note:
+def _note(take: OutgoingTake, columns: Sequence[_Column], joints: str | None) -> Note:
     placing = Placing()
     for thing in take.things:
         mine = [(at, one) for at, one in enumerate(columns) if one.thing is thing]

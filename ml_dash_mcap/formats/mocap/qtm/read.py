@@ -18,15 +18,15 @@ from ...file_start import FileStart
 from ...foreign_names import distinct
 from ...registry import Progress
 from ...text.dialect import Dialect, number, of_line
-from ...text.headers import Header, preview, without_empty_end
-from ...text.number_cells import Cells, Floats, Part
+from ...text.headers import HeaderLines, preview, without_empty_end
+from ...text.number_cells import Cells, Floats, NumberPart
 from ...text.plain_text import is_filler, opened
 from .. import placement, restored, row_times, start_times
 from ..placement import Placement
 from ..point_fields import about_points, marker
 from ..row_times import Clue, Timing
 from ..take_options import QtmReadOptions
-from ..track_rows import Report, Tracks
+from ..track_rows import ReadingProgress, TopicRows
 from . import layout
 
 _WORD = re.compile(r"[A-Z][A-Z0-9_]*$")
@@ -48,9 +48,9 @@ def record(src: Path, recorder: Recorder, options: QtmReadOptions, progress: Pro
     Raises:
         ForeignFileError: The file is not as QTM writes it; says the line and the column.
     """
-    report = Report(src, progress)
+    report = ReadingProgress(src, progress)
     with opened(src) as file:
-        header = Header(src, file)
+        header = HeaderLines(src, file)
         dialect = _dialect(src)
         keys, has_times = _keys(src, header, dialect)
         has_bodies = layout.BODIES in keys
@@ -82,10 +82,10 @@ def record(src: Path, recorder: Recorder, options: QtmReadOptions, progress: Pro
             when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
         if note and not has_bodies:
             metadata = {name: {**one, **when.metadata} for name, one in note.metadata.items()}
-            tracks = Tracks(src, recorder, note.placements, metadata, skip_empty=True)
+            tracks = TopicRows(src, recorder, note.placements, metadata, skip_empty=True)
         else:
             found = [one for at, name in enumerate(names) for one in _placed(name, at, options.topic, has_bodies)]
-            tracks = Tracks(src, recorder, found, _about(found, has_bodies, keys, when))
+            tracks = TopicRows(src, recorder, found, _about(found, has_bodies, keys, when))
         row, most = 0, _frame_count(keys)
         for part in cells.read(file, line):
             if not has_times:
@@ -109,7 +109,7 @@ def _dialect(path: Path) -> Dialect:
     return of_line(beginning.group(0)[-1] if beginning else "")
 
 
-def _keys(path: Path, header: Header, dialect: Dialect) -> tuple[dict[str, list[str]], bool]:
+def _keys(path: Path, header: HeaderLines, dialect: Dialect) -> tuple[dict[str, list[str]], bool]:
     """Read the header; returns its keys and the cells behind them, and whether rows begin with frame and time."""
     keys: dict[str, list[str]] = {}
     while True:
@@ -156,7 +156,7 @@ def _frame_count(keys: dict[str, list[str]]) -> int | None:
     return None if count is None else int(count)
 
 
-def _without_end(part: Part, row: int, most: int | None) -> Part:
+def _without_end(part: NumberPart, row: int, most: int | None) -> NumberPart:
     """Leave out rows without numbers behind the last frame: where no frame is numbered, others may be frames."""
     if most is None or row + len(part.values) <= most:
         return part

@@ -14,14 +14,14 @@ from ....recorder import Recorder
 from ...foreign_names import distinct
 from ...registry import Progress
 from ...text.dialect import BLANKS, Dialect, number, of_line
-from ...text.headers import Header, preview, without_empty_end
-from ...text.number_cells import Cells, Floats, Part
+from ...text.headers import HeaderLines, preview, without_empty_end
+from ...text.number_cells import Cells, Floats, NumberPart
 from ...text.plain_text import opened
 from .. import placement, row_times
 from ..placement import Note, Placement
 from ..row_times import Clue, Timing
 from ..take_options import StoReadOptions
-from ..track_rows import Report, Tracks, checked
+from ..track_rows import ReadingProgress, TopicRows, checked
 from . import layout, vectors
 
 _MOST_HEADER_LINES = 1000
@@ -53,11 +53,11 @@ def record(src: Path, recorder: Recorder, options: StoReadOptions, progress: Pro
     Raises:
         ForeignFileError: The file is no storage file; says the line and the column.
     """
-    report = Report(src, progress)
+    report = ReadingProgress(src, progress)
     with table(src, on_bad=options.on_bad, start=options.start) as found:
         kind = vectors.KINDS.get(found.data_type)
         placements, metadata = found.fields(options.topic or (layout.TOPIC if kind is None else kind.topic))
-        tracks = Tracks(src, recorder, placements, metadata, skip_empty=found.note is not None)
+        tracks = TopicRows(src, recorder, placements, metadata, skip_empty=found.note is not None)
         for part in found.parts():
             times = found.when.stamps(part.values[:, 0], part.values[:, 0])
             tracks.append_from(found.cells, times, part.values[:, 1:], part, 1)
@@ -86,7 +86,7 @@ class Table:
         """What the columns hold: "" or "double" for numbers."""
         return self.keys.get("datatype", "").lower()
 
-    def parts(self) -> Iterator[Part]:
+    def parts(self) -> Iterator[NumberPart]:
         """Yield the rows; the times that frames say stand in the first column, if these count."""
         row = 0
         for part in self.cells.read(self.file, self.line):
@@ -129,7 +129,7 @@ def table(src: Path, *, on_bad: str, start: float | None) -> Iterator[Table]:
         ForeignFileError: It is none; says the line and the column.
     """
     with opened(src) as file:
-        header = Header(src, file)
+        header = HeaderLines(src, file)
         keys = _keys(src, header)
         labels = header.next("the row of column names")
         while not labels.strip(f"{BLANKS},;"):
@@ -182,7 +182,7 @@ def _angle_unit(path: Path, keys: dict[str, str]) -> str | None:
     return "deg" if path.suffix.lower() == ".mot" and version < 1 else None
 
 
-def _keys(path: Path, header: Header) -> dict[str, str]:
+def _keys(path: Path, header: HeaderLines) -> dict[str, str]:
     """Read up to `endheader`; returns the keys, in small letters, and their values.
 
     OpenSim writes `key=value`, SIMM `key value`.

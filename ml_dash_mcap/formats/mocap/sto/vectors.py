@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ....errors import ForeignFileError
 from ...text.dialect import BLANKS, Dialect
-from ...text.number_cells import Cells, Chunk, Part
+from ...text.number_cells import Cells, NumberPart, TextChunk
 from ..placement import Placement
 
 _AROUND = '~[]()"'
@@ -19,7 +19,7 @@ _BLANKS = re.compile(rb"[ \t]+")
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class VectorKind:
     """What each column of a file holds."""
 
     word: str
@@ -38,28 +38,28 @@ class Kind:
         return self.word == "Quaternion"
 
 
-KINDS: Mapping[str, Kind] = {
+KINDS: Mapping[str, VectorKind] = {
     kind.word.lower(): kind
     for kind in (
-        Kind("Quaternion", (4,), "orientations"),
-        Kind("Vec2", (2,), "vectors"),
-        Kind("Vec3", (3,), "vectors"),
-        Kind("UnitVec3", (3,), "vectors"),
-        Kind("Vec4", (4,), "vectors"),
-        Kind("Vec5", (5,), "vectors"),
-        Kind("Vec6", (6,), "vectors"),
-        Kind("Vec7", (7,), "vectors"),
-        Kind("Vec8", (8,), "vectors"),
-        Kind("Vec9", (9,), "vectors"),
-        Kind("SpatialVec", (6,), "vectors"),
-        Kind("Mat33", (3, 3), "orientations"),
-        Kind("Rotation", (3, 3), "orientations"),
+        VectorKind("Quaternion", (4,), "orientations"),
+        VectorKind("Vec2", (2,), "vectors"),
+        VectorKind("Vec3", (3,), "vectors"),
+        VectorKind("UnitVec3", (3,), "vectors"),
+        VectorKind("Vec4", (4,), "vectors"),
+        VectorKind("Vec5", (5,), "vectors"),
+        VectorKind("Vec6", (6,), "vectors"),
+        VectorKind("Vec7", (7,), "vectors"),
+        VectorKind("Vec8", (8,), "vectors"),
+        VectorKind("Vec9", (9,), "vectors"),
+        VectorKind("SpatialVec", (6,), "vectors"),
+        VectorKind("Mat33", (3, 3), "orientations"),
+        VectorKind("Rotation", (3, 3), "orientations"),
     )
 }
 """Values of `DataType`, in small letters."""
 
 
-def placements(names: Sequence[str], kind: Kind, topic: str) -> list[Placement]:
+def placements(names: Sequence[str], kind: VectorKind, topic: str) -> list[Placement]:
     """Return a field for each column."""
     size = kind.size
     return [
@@ -70,11 +70,11 @@ def placements(names: Sequence[str], kind: Kind, topic: str) -> list[Placement]:
 class VectorCells(Cells):
     """The same as `Cells` for rows of a time and of cells with several elements."""
 
-    def __init__(self, path: Path, columns: int, dialect: Dialect, kind: Kind, on_bad: str) -> None:
+    def __init__(self, path: Path, columns: int, dialect: Dialect, kind: VectorKind, on_bad: str) -> None:
         super().__init__(path, 1 + kind.size * (columns - 1), dialect, on_bad=on_bad)
         self._kind = kind
 
-    def _parse(self, chunk: Chunk) -> Part:
+    def _parse(self, chunk: TextChunk) -> NumberPart:
         plain = _AROUND_BYTES.sub(b"", _COMMAS.sub(b",", chunk.data))
         separator = self.dialect.separator
         if separator == " ":

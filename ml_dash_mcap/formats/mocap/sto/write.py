@@ -16,7 +16,7 @@ from ...export_job import Job
 from .. import take_clock as rates
 from ..placement import Note, Placing, to_text
 from ..table_text import TableText
-from ..take import Take
+from ..take import OutgoingTake
 from ..take_contents import every_number, found_in
 from ..take_options import StoWriteOptions, TakeOptions
 from . import layout
@@ -66,7 +66,7 @@ def write(
     """
     topics = dict.fromkeys(joint.topic for joint in joints)
     clock = rates.find(job, topics, options.rate, needs_even=False, with_origin=with_origin)
-    take = Take(job, options, list(joints), clock)
+    take = OutgoingTake(job, options, list(joints), clock)
     labels = [f"{one.topic}/{one.name}" if len(topics) > 1 else one.name for one in joints]
     labels = [label.replace("\t", " ").replace("\n", " ") for label in labels]
     in_degrees = "yes" if _are_degrees(job, joints) else "no"

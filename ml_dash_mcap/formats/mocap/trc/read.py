@@ -11,7 +11,7 @@ from ....recorder import Recorder
 from ...foreign_names import distinct
 from ...registry import Progress
 from ...text.dialect import Dialect, number, of_line
-from ...text.headers import Header, preview, refuse_numbers, unit_of_length
+from ...text.headers import HeaderLines, preview, refuse_numbers, unit_of_length
 from ...text.number_cells import Cells
 from ...text.plain_text import opened
 from .. import placement, restored, row_times
@@ -19,7 +19,7 @@ from ..placement import NOTE_KEY
 from ..point_fields import about_points, marker
 from ..row_times import Clue
 from ..take_options import TrcReadOptions
-from ..track_rows import Report, Tracks
+from ..track_rows import ReadingProgress, TopicRows
 from . import layout
 
 LEADING = len(layout.COLUMNS)
@@ -37,9 +37,9 @@ def record(src: Path, recorder: Recorder, options: TrcReadOptions, progress: Pro
     Raises:
         ForeignFileError: The file is no marker file; says the line and the column.
     """
-    report = Report(src, progress)
+    report = ReadingProgress(src, progress)
     with opened(src) as file:
-        header = Header(src, file)
+        header = HeaderLines(src, file)
         first = header.first(repr(layout.FIRST_WORD))
         at_keys, line_of_keys = header.at(), header.line
         dialect = _dialect(header, first)
@@ -66,10 +66,10 @@ def record(src: Path, recorder: Recorder, options: TrcReadOptions, progress: Pro
         when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
         if note:
             metadata = {name: {**one, **when.metadata} for name, one in note.metadata.items()}
-            tracks = Tracks(src, recorder, note.placements, metadata, skip_empty=True)
+            tracks = TopicRows(src, recorder, note.placements, metadata, skip_empty=True)
         else:
             placements = [marker(name, at, options.topic) for name, at in zip(names, groups, strict=True)]
-            tracks = Tracks(src, recorder, placements, about_points(placements, unit, when.metadata))
+            tracks = TopicRows(src, recorder, placements, about_points(placements, unit, when.metadata))
         for part in cells.read(file, line):
             numbers = part.values[:, LEADING:]
             if note:
@@ -80,7 +80,7 @@ def record(src: Path, recorder: Recorder, options: TrcReadOptions, progress: Pro
     report.finish(cells.bad)
 
 
-def _dialect(header: Header, first: str) -> Dialect:
+def _dialect(header: HeaderLines, first: str) -> Dialect:
     """Return how the file is split, by the row of its keys: the first line may have a path with any letters in it."""
     line = first
     while layout.RATE.lower() not in line.lower() or line is first:
@@ -103,7 +103,7 @@ def _unit(path: Path, values: dict[str, str], keys: list[str], line: int, asked:
     return unit_of_length(path, values.get(layout.UNITS.lower(), ""), asked, "the unit", line, at)
 
 
-def _names(path: Path, header: Header, values: dict[str, str], dialect: Dialect) -> list[str]:
+def _names(path: Path, header: HeaderLines, values: dict[str, str], dialect: Dialect) -> list[str]:
     """Read the rows of names and axes."""
     cells = header.row("the row of marker names", dialect)
     if len(cells) < LEADING or not cells[0].lower().startswith("frame") or not cells[1].lower().startswith("time"):

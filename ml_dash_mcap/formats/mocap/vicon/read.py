@@ -25,7 +25,7 @@ from ..joined_tables import joined
 from ..placement import Note, Placement
 from ..row_times import Timing
 from ..take_options import ViconReadOptions
-from ..track_rows import Report, Tracks, checked
+from ..track_rows import ReadingProgress, TopicRows, checked
 from . import layout, sections, vicon_fields
 from .layout import LEADING
 from .sections import Section
@@ -49,7 +49,7 @@ def record(src: Path, recorder: Recorder, options: ViconReadOptions, progress: P
     Raises:
         ForeignFileError: The file is not as Vicon writes it; says the line and the column.
     """
-    report = Report(src, progress)
+    report = ReadingProgress(src, progress)
     with opened(src) as file:
         contents = sections.read(src, file)
         note = contents.note
@@ -116,7 +116,7 @@ class _Table:
         known = stamps[~np.isnan(stamps)]
         return float(known[0]) if len(known) else float("nan")
 
-    def rows(self, file: BinaryIO, report: Report) -> Iterator[tuple[Floats, Floats]]:
+    def rows(self, file: BinaryIO, report: ReadingProgress) -> Iterator[tuple[Floats, Floats]]:
         """Yield time stamps, [N], s, and numbers, [N, C]; several sections can be read by turns."""
         points = [one.columns for one in vicon_fields.placed(self.section, "") if one.path[0] in ("markers", "pos")]
         turns = [one.columns for one in vicon_fields.placed(self.section, "") if one.path[0] == "quat"]
@@ -153,7 +153,7 @@ def _connected(tables: Sequence[_Table]) -> list[list[_Table]]:
     return groups
 
 
-def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table], report: Report) -> None:
+def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table], report: ReadingProgress) -> None:
     """Append some sections together: what they say of one frame is one row."""
     placements: list[Placement] = []
     present: list[tuple[int]] = []
@@ -167,12 +167,12 @@ def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table]
             metadata[name] = vicon_fields.merged(metadata.get(name, {}), {**about, **one.when.metadata})
         width += count + 1
     if len(tables) == 1:
-        tracks = Tracks(path, recorder, placements, metadata, skip_empty=tables[0].note is not None)
+        tracks = TopicRows(path, recorder, placements, metadata, skip_empty=tables[0].note is not None)
         for times, values in tables[0].rows(file, report):
             tracks.append(times, values)
         return
     is_ours = tables[0].note is not None
-    tracks = Tracks(path, recorder, placements, metadata, skip_empty=is_ours, present=present)
+    tracks = TopicRows(path, recorder, placements, metadata, skip_empty=is_ours, present=present)
     rows, width = _marked(path, tables[0], report), len(tables[0].section.axes) + 1
     for one in tables[1:]:
         more = len(one.section.axes) + 1
@@ -181,7 +181,7 @@ def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table]
         tracks.append(times, values)
 
 
-def _marked(path: Path, table: _Table, report: Report) -> Iterator[tuple[Floats, Floats]]:
+def _marked(path: Path, table: _Table, report: ReadingProgress) -> Iterator[tuple[Floats, Floats]]:
     """Yield a section's rows with a column of ones behind them; the file is opened anew, for others read it too."""
     with opened(path) as file:
         for times, values in table.rows(file, report):

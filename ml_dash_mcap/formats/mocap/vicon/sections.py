@@ -8,7 +8,7 @@ from typing import BinaryIO
 
 from ....errors import ForeignFileError
 from ...text.dialect import BLANKS, Dialect, number, of_line
-from ...text.headers import Header, refuse_numbers, without_empty_end
+from ...text.headers import HeaderLines, refuse_numbers, without_empty_end
 from ...text.plain_text import is_filler
 from .. import placement
 from ..placement import NOTE_KEY, Note
@@ -60,7 +60,7 @@ def read(path: Path, file: BinaryIO) -> Contents:
     Raises:
         ForeignFileError: The file is not as Vicon writes it; says the line and the column.
     """
-    header, found = Header(path, file), Contents()
+    header, found = HeaderLines(path, file), Contents()
     while (line := header.next_or_none()) is not None:
         title = title_of(line)
         if not title or is_filler(line):
@@ -76,7 +76,7 @@ def read(path: Path, file: BinaryIO) -> Contents:
     return found
 
 
-def _section(path: Path, header: Header, file: BinaryIO, title: str) -> Section:
+def _section(path: Path, header: HeaderLines, file: BinaryIO, title: str) -> Section:
     title_line = header.line
     text = _line(header, "the section's rate")
     rate = number(title_of(text))
@@ -122,7 +122,7 @@ def _section(path: Path, header: Header, file: BinaryIO, title: str) -> Section:
     )
 
 
-def _line(header: Header, what: str) -> str:
+def _line(header: HeaderLines, what: str) -> str:
     """Return the next line that is not blank."""
     text = header.next(what)
     while not title_of(text):
@@ -130,7 +130,7 @@ def _line(header: Header, what: str) -> str:
     return text
 
 
-def _units(path: Path, header: Header, dialect: Dialect) -> list[str]:
+def _units(path: Path, header: HeaderLines, dialect: Dialect) -> list[str]:
     """Read the row of units, which may be blank where the columns have none."""
     cells = dialect.split(header.next("the row of units"))
     at, line = header.at(), header.line
@@ -144,7 +144,7 @@ def _units(path: Path, header: Header, dialect: Dialect) -> list[str]:
     return without_empty_end(cells)
 
 
-def _pass_rows(header: Header, dialect: Dialect) -> None:
+def _pass_rows(header: HeaderLines, dialect: Dialect) -> None:
     """Read on to the end of the section's rows: blank ones are among them if numbers follow."""
     end, lines = header.at(), header.line
     while True:
@@ -160,7 +160,7 @@ def _pass_rows(header: Header, dialect: Dialect) -> None:
         end, lines = header.at(), header.line
 
 
-def _events(header: Header) -> list[tuple[int, dict[str, str]]]:
+def _events(header: HeaderLines) -> list[tuple[int, dict[str, str]]]:
     """Read the rows of events, each by the words of the row above them."""
     words: list[str] = []
     dialect = _COMMAS

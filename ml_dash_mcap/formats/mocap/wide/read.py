@@ -14,14 +14,14 @@ from ....errors import ForeignFileError
 from ....recorder import Recorder
 from ...registry import Progress
 from ...text.dialect import of_line
-from ...text.headers import Header, preview, without_empty_end
+from ...text.headers import HeaderLines, preview, without_empty_end
 from ...text.number_cells import Cells
 from ...text.plain_text import opened
 from .. import row_times
 from ..placement import Placement
 from ..row_times import Clue, Timing
 from ..take_options import WideReadOptions
-from ..track_rows import Report, Tracks
+from ..track_rows import ReadingProgress, TopicRows
 from . import layout
 
 _INDEXED = re.compile(r"(.+?)((?:\.\d+)+)")
@@ -39,9 +39,9 @@ def record(src: Path, recorder: Recorder, options: WideReadOptions, progress: Pr
     Raises:
         ForeignFileError: A cell is no number; says the line and the column.
     """
-    report = Report(src, progress)
+    report = ReadingProgress(src, progress)
     with opened(src) as file:
-        header = Header(src, file)
+        header = HeaderLines(src, file)
         text = header.first("the row of column names")
         dialect = of_line(text, default=",")
         names = without_empty_end(dialect.split(text))[len(layout.COLUMNS) :]
@@ -55,7 +55,7 @@ def record(src: Path, recorder: Recorder, options: WideReadOptions, progress: Pr
         when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
         topics = dict.fromkeys(one.topic for one in placements)
         # a row is a row of every topic that has a number in it; of a topic alone it is one in any case
-        tracks = Tracks(src, recorder, placements, dict.fromkeys(topics, when.metadata), skip_empty=len(topics) > 1)
+        tracks = TopicRows(src, recorder, placements, dict.fromkeys(topics, when.metadata), skip_empty=len(topics) > 1)
         for part in cells.read(file, header.line + 1):
             times = when.stamps(part.values[:, 0], part.values[:, 1])
             tracks.append_from(cells, times, part.values[:, 2:], part, 2)

@@ -11,7 +11,7 @@ from ...destination import fresh_file, refuse_existing
 from ...export_job import Job
 from .. import take_clock as rates
 from ..table_text import TableText, numbers
-from ..take import Take
+from ..take import OutgoingTake
 from ..take_contents import every_number
 from ..take_options import MocapWriteOptions
 from . import layout
@@ -33,7 +33,7 @@ def write(job: Job, options: MocapWriteOptions) -> Path:
         names = ", ".join(map(repr, job.topics)) or "none"
         raise ConversionError(f"there are no numbers in the topics ({names}); export them with format='csv' or 'jsonl'")
     clock = rates.find(job, topics, options.rate, needs_even=False)
-    take = Take(job, options, list(columns), clock)
+    take = OutgoingTake(job, options, list(columns), clock)
     header = io.StringIO()
     labels = [f"{one.topic}{layout.TOPIC_END}{one.name}" if len(topics) > 1 else one.name for one in columns]
     csv.writer(header, lineterminator="\n").writerow([*layout.COLUMNS, *labels])

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ....meaning import field_kinds as kinds
-from ....meaning.field_kinds import FieldKind
+from ....meaning.field_kinds import FieldMeaning
 from .lossless import Field
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -45,7 +45,7 @@ class Role:
     """What it measures, for the units, or what each half does: see `units`."""
 
 
-def _role(kind: FieldKind) -> Role:
+def _role(kind: FieldMeaning) -> Role:
     return Role(kind.shapes, kind.quantity)
 
 

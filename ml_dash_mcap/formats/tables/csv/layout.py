@@ -18,7 +18,7 @@ from ....rows.typed_columns import Column, shape_of, whole
 from . import cells
 
 
-class Layout:
+class CsvLayout:
     """How many cells each field takes, learnt block by block."""
 
     def __init__(self, info: TopicInfo, columns: Sequence[str] | None = None) -> None:

@@ -21,7 +21,7 @@ from ..table_about import TableAbout
 from ..table_options import CsvReadOptions
 from . import tokens
 from . import types as csv_types
-from .tokens import Rows, Tokens
+from .tokens import CellRows, Tokens
 
 _SNIFFED_ROWS = 100
 _ROW_BYTES = 40
@@ -50,16 +50,16 @@ def record(src: Path, recorder: Recorder, options: CsvReadOptions, progress: Pro
         NotFoundError: There is no such `time_column`.
     """
 
-    def opened(path: Path) -> _File:
+    def opened(path: Path) -> _CsvFile:
         found = "csv" if path == src else detect(path)
         if found != "csv":
             raise ForeignFileError(path, f"it is no plain table but of the format {found!r}; convert it by itself")
-        return _File(path, options)
+        return _CsvFile(path, options)
 
     table_files.record(src, recorder, opened, options, progress, lambda path: path.stat().st_size // _ROW_BYTES)
 
 
-class _File:
+class _CsvFile:
     """One CSV file, of which all cells were looked at once."""
 
     def __init__(self, path: Path, options: CsvReadOptions) -> None:
@@ -124,11 +124,11 @@ class _File:
             low, high = self._ranges.get(name, (found["min"], found["max"]))
             self._ranges[name] = (min(low, found["min"]), max(high, found["max"]))
 
-    def _cells(self, rows: Rows, at: int) -> tuple[pa.Array, Any]:
+    def _cells(self, rows: CellRows, at: int) -> tuple[pa.Array, Any]:
         which = np.arange(at, rows.height * len(self._names), len(self._names))
         return rows.cells.take(pa.array(which)), None if rows.quoted is None else rows.quoted[which]
 
-    def _values(self, rows: Rows, at: int) -> pa.Array:
+    def _values(self, rows: CellRows, at: int) -> pa.Array:
         cells, flags = self._cells(rows, at)
         quoted = flags if self._heeds_quotes else None
         try:
@@ -138,7 +138,7 @@ class _File:
             raise ForeignFileError(self.path, what, int(rows.lines[0])) from error
 
 
-def _has_plain(rows: Rows) -> bool:
+def _has_plain(rows: CellRows) -> bool:
     """Whether some cell has text and no quotes."""
     plain = rows.cells if rows.quoted is None else rows.cells.filter(pa.array(~rows.quoted))
     return bool(pc.any(pc.not_equal(plain, "")).as_py())

@@ -28,7 +28,7 @@ _NEWLINE = ord("\n")
 _MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
-class Rows(NamedTuple):
+class CellRows(NamedTuple):
     """Some rows of a file."""
 
     height: int
@@ -64,7 +64,7 @@ class Tokens:
         self._cell = re.compile(pattern.encode())
         self._cut = self.separator.encode()
 
-    def read(self) -> Iterator[Rows]:
+    def read(self) -> Iterator[CellRows]:
         """Yield the rows behind the header.
 
         Raises:
@@ -87,7 +87,7 @@ class Tokens:
 
     def _some(
         self, data: bytes, line: int, read: int, is_header: bool, *, is_last: bool
-    ) -> tuple[Rows | None, bytes, int]:
+    ) -> tuple[CellRows | None, bytes, int]:
         """Return the whole rows at the beginning of some text, the rest of it, and the number of its first line."""
         if b'"' in data or is_header:
             return self._by_cell(data, line, read, is_header, is_last=is_last)
@@ -99,7 +99,7 @@ class Tokens:
             return self._by_cell(data, line, read, is_header, is_last=is_last)
         return rows, data[cut:], line + data.count(b"\n", 0, cut)
 
-    def _in_bulk(self, data: bytes, line: int, read: int) -> Rows | None:
+    def _in_bulk(self, data: bytes, line: int, read: int) -> CellRows | None:
         """Cut rows without quotes all at once; None if they are not all alike."""
         data = data.replace(b"\r\n", b"\n")
         if b"\r" in data:
@@ -119,11 +119,11 @@ class Tokens:
         if (lengths.sum(axis=1) == 0).any():
             return None
         cells = pa.StringArray.from_buffers(len(ends), pa.py_buffer(offsets), pa.py_buffer(letters))
-        return Rows(count, cells, None, np.arange(line, line + count), read)
+        return CellRows(count, cells, None, np.arange(line, line + count), read)
 
     def _by_cell(
         self, data: bytes, line: int, read: int, is_header: bool, *, is_last: bool
-    ) -> tuple[Rows | None, bytes, int]:
+    ) -> tuple[CellRows | None, bytes, int]:
         """Cut rows cell by cell."""
         cells: list[bytes] = []
         quoted: list[bool] = []
@@ -147,7 +147,7 @@ class Tokens:
                 self._check_text(cell, lines[at // self.columns])
         flags = np.array(quoted, np.bool_)
         array = pa.array(cells, pa.binary()).cast(pa.string())
-        return Rows(len(lines), array, flags if flags.any() else None, np.array(lines), read), rest, behind
+        return CellRows(len(lines), array, flags if flags.any() else None, np.array(lines), read), rest, behind
 
     def _rows(self, data: bytes, line: int, *, is_last: bool) -> Iterator[tuple[list[bytes], list[bool], int, int]]:
         """Yield the whole rows of some text: their cells, which were quoted, where the row ends, and its first line."""

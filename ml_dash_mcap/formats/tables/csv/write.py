@@ -15,7 +15,7 @@ from ...export_job import Job, RowCounter
 from ...registry import NoOptions
 from .. import write_passes
 from . import cells
-from .layout import Layout
+from .layout import CsvLayout
 
 SUFFIX = ".csv"
 
@@ -35,7 +35,7 @@ def export(job: Job, options: NoOptions) -> Path:
 
 def stream(part: TopicPart, info: TopicInfo, out: BinaryIO) -> None:
     """Write the CSV of one topic to what cannot be written twice; the rows are read twice instead."""
-    layout = Layout(info, part.columns)
+    layout = CsvLayout(info, part.columns)
     for block in part.blocks():
         layout.add(block)
     out.write(layout.header())
@@ -44,7 +44,7 @@ def stream(part: TopicPart, info: TopicInfo, out: BinaryIO) -> None:
 
 
 def _write(part: TopicPart, info: TopicInfo, path: Path, counter: RowCounter) -> None:
-    layout = Layout(info, part.columns)
+    layout = CsvLayout(info, part.columns)
 
     @contextlib.contextmanager
     def begin() -> Iterator[Callable[[Block], None]]:
@@ -55,5 +55,5 @@ def _write(part: TopicPart, info: TopicInfo, path: Path, counter: RowCounter) ->
     write_passes.write(part.blocks, layout, begin, counter.add)
 
 
-def _put(file: BinaryIO, layout: Layout, block: Block) -> None:
+def _put(file: BinaryIO, layout: CsvLayout, block: Block) -> None:
     file.write(cells.lines(layout.cells(block)))

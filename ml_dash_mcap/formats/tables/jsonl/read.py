@@ -25,7 +25,7 @@ from ...registry import Progress
 from .. import table_files, table_times
 from ..our_tables import put
 from ..row_entries import TIME_NAME
-from ..table_intake import Counter
+from ..table_intake import TableProgress
 from ..table_options import TableReadOptions
 
 _BATCH_BYTES = 1 << 20
@@ -54,13 +54,13 @@ def record(src: Path, recorder: Recorder, options: TableReadOptions, progress: P
     if options.topic is not None and len(files) > 1:
         raise UsageError(f"{src}: topic={options.topic!r} names one topic, but there are {len(files)} files")
     total = sum(path.stat().st_size // _ROW_BYTES for path in files)
-    counter = Counter(progress, total)
+    counter = TableProgress(progress, total)
     for path in files:
-        _File(path, recorder, options).run(counter)
+        _LinesFile(path, recorder, options).run(counter)
     counter.finish()
 
 
-class _File:
+class _LinesFile:
     """One file and the topic that it becomes."""
 
     def __init__(self, path: Path, recorder: Recorder, options: TableReadOptions) -> None:
@@ -68,7 +68,7 @@ class _File:
         self._is_ours = False
         self._left_out = 0
 
-    def run(self, counter: Counter) -> None:
+    def run(self, counter: TableProgress) -> None:
         """Append its rows."""
         sample: list[tuple[int, dict[str, Any]]] = []
         topic: Topic | None = None

@@ -23,7 +23,7 @@ from ..table_about import OTHER_CLOCK, SHAPE_KEY, UNIT_KEY, WALL_CLOCK, properti
 Make = Callable[[pa.Array], pa.Array]
 
 
-class Layout:
+class ParquetLayout:
     """A topic's columns, learnt block by block; by it, blocks become tables of one schema."""
 
     def __init__(self, info: TopicInfo, *, flat: bool) -> None:

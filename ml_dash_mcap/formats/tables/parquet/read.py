@@ -43,21 +43,21 @@ def record(src: Path, recorder: Recorder, options: ParquetReadOptions, progress:
         NotFoundError: There is no such `time_column`.
     """
 
-    def opened(path: Path) -> _File:
-        return _File(path, skips=options.on_damage == "skip")
+    def opened(path: Path) -> _ParquetFile:
+        return _ParquetFile(path, skips=options.on_damage == "skip")
 
     table_files.record(src, recorder, opened, options, progress, _rows)
 
 
 def _rows(path: Path) -> int:
-    file = _File(path)
+    file = _ParquetFile(path)
     try:
         return file.rows
     finally:
         file.close()
 
 
-class _File:
+class _ParquetFile:
     """One Parquet file."""
 
     def __init__(self, path: Path, *, skips: bool = False) -> None:

@@ -20,7 +20,7 @@ from ...export_job import Job, RowCounter
 from .. import write_passes
 from ..table_about import ABOUT_KEY, TableAbout
 from ..table_options import ParquetWriteOptions
-from .layout import Layout
+from .layout import ParquetLayout
 
 SUFFIX = ".parquet"
 
@@ -50,7 +50,7 @@ def export(job: Job, options: ParquetWriteOptions) -> Path:
 
 
 def _write(part: TopicPart, info: TopicInfo, path: Path, about: TableAbout, counter: RowCounter) -> None:
-    layout = Layout(info, flat=about.is_flat)
+    layout = ParquetLayout(info, flat=about.is_flat)
     metadata = {ABOUT_KEY: about.to_json()}
 
     @contextlib.contextmanager
