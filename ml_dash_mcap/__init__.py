@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 from .version import __version__
 
 if TYPE_CHECKING:
-    from .capture.sink import Sink
+    from .capture.prepared_block import PreparedBlock
+    from .capture.sink import SessionInfo, Sink
     from .capture.stats import SinkStats, Stats
     from .catalog import CatalogEntry, recordings
     from .conversion import convert
@@ -132,6 +133,7 @@ __all__ = [
     "ParquetReadOptions",
     "ParquetWriteOptions",
     "PrefixError",
+    "PreparedBlock",
     "QtmReadOptions",
     "QtmWriteOptions",
     "RangeError",
@@ -147,6 +149,7 @@ __all__ = [
     "RunInfo",
     "Selection",
     "Session",
+    "SessionInfo",
     "SessionTrack",
     "Sink",
     "SinkStats",
@@ -182,6 +185,8 @@ __all__ = [
 ]
 
 _HOMES = {
+    "PreparedBlock": "capture.prepared_block",
+    "SessionInfo": "capture.sink",
     "Sink": "capture.sink",
     "SinkStats": "capture.stats",
     "Stats": "capture.stats",

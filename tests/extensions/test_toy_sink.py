@@ -14,12 +14,17 @@ from typing import Any, TextIO
 import pytest
 from mcap.reader import make_reader
 
-from ml_dash_mcap import Recorder, RecorderOptions, Recording
+from ml_dash_mcap import (
+    PreparedBlock,
+    Recorder,
+    RecorderOptions,
+    Recording,
+    SessionInfo,
+    Sink,
+    UsageError,
+    recover,
+)
 from ml_dash_mcap.capture import sink_threads
-from ml_dash_mcap.capture.prepared_block import PreparedBlock
-from ml_dash_mcap.capture.sink import SessionInfo, Sink
-from ml_dash_mcap.errors import UsageError
-from ml_dash_mcap.recovery import recover
 from tests.support import disk
 
 ROWS = 3000
