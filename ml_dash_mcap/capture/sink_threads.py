@@ -84,6 +84,8 @@ class SinkThread:
 
     def wait(self, deadline_s: float) -> None:
         """Wait until the sink is closed, but not beyond a moment of the monotonic clock, in seconds."""
+        if self._thread is threading.current_thread():
+            return  # the sink closes the recorder itself, and goes on behind this
         self._thread.join(max(deadline_s - time.monotonic(), 0.0))
         if self._thread.is_alive():
             with self._figures_lock:
@@ -147,9 +149,15 @@ class SinkThreads:
         Raises:
             UsageError: One of them is no sink.
         """
-        self._threads = [SinkThread(sink, session, most_bytes) for sink in _checked(sinks)]
-        for thread in self._threads:
-            thread.start()
+        self._threads: list[SinkThread] = []
+        try:
+            for sink in _checked(sinks):
+                thread = SinkThread(sink, session, most_bytes)
+                thread.start()
+                self._threads.append(thread)
+        except BaseException:
+            self.close()
+            raise
 
     def offer(self, block: PreparedBlock) -> None:
         """Offer a block of the writer thread to each sink that has room for it; nothing here waits or raises."""

@@ -301,7 +301,8 @@ def test_close_waits_for_a_sink_that_is_only_slow(tmp_path: Path) -> None:
 def test_append_takes_no_longer_beside_a_sleeping_sink(tmp_path: Path, sleeping: Sleeping) -> None:
     def append_times(*sinks: Sink) -> list[float]:
         took = []
-        with Recorder(tmp_path / str(len(sinks)), OPTIONS, sinks=sinks) as recorder:
+        options = RecorderOptions(chunk_bytes=65536)  # so that blocks come to the sink, and append waits for no room
+        with Recorder(tmp_path / str(len(sinks)), options, sinks=sinks) as recorder:
             topic = recorder.topic("a")
             for number in range(2 * ROWS):
                 begun = time.perf_counter()
@@ -312,6 +313,50 @@ def test_append_takes_no_longer_beside_a_sleeping_sink(tmp_path: Path, sleeping:
     alone, beside = append_times(), append_times(sleeping)
     assert beside[ROWS] < 3 * alone[ROWS]  # the median; a sink that held it up would show in seconds
     assert beside[-1] < alone[-1] + 1.0
+
+
+def test_a_sink_may_append_to_its_own_recorder(tmp_path: Path) -> None:
+    done = threading.Event()
+
+    class Deriving(Counting):
+        recorder: Recorder
+
+        def write(self, block: PreparedBlock) -> None:
+            for message in block.messages():
+                if message.channel.topic == "a":
+                    self.recorder.topic("double").append(x=2 * message.row()["x"], _ts=message.row()["_ts"])
+                    done.set()
+
+    sink = Deriving()
+    with Recorder(tmp_path, sinks=[sink]) as recorder:
+        sink.recorder = recorder
+        recorder.topic("a").append(x=1, _ts=1.0)
+        recorder.flush()
+        assert done.wait(30)
+    assert disk.rows(tmp_path)["double"] == [{"x": 2, "_ts": 1.0}]
+
+
+def test_a_sink_may_close_its_own_recorder(tmp_path: Path) -> None:
+    closed = threading.Event()
+
+    class Closing(Counting):
+        recorder: Recorder
+
+        def write(self, block: PreparedBlock) -> None:
+            super().write(block)
+            self.recorder.close()
+
+        def close(self) -> None:
+            super().close()
+            closed.set()
+
+    sink = Closing()
+    sink.recorder = recorder = Recorder(tmp_path, sinks=[sink])
+    recorder.topic("a").append(x=1, _ts=1.0)
+    recorder.flush()
+    assert closed.wait(30)
+    assert (recorder.closed, recorder.stats().sinks[0].errors) == (True, 0)
+    assert disk.rows(tmp_path) == {"a": [{"x": 1, "_ts": 1.0}]}
 
 
 def test_the_figures_of_sinks_are_among_those_of_the_recorder(tmp_path: Path) -> None:
