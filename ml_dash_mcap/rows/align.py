@@ -86,9 +86,9 @@ def align(
         for field, column in zip(list(table.schema)[1:], table.columns[1:], strict=True):
             name = _free(f"{topic}.{field.name}", columns)
             choice = methods.of(topic, field.name)
-            found, is_same_kind = _apply(near, column, choice, name, is_text=ENCODING_KEY in (field.metadata or {}))
-            columns[name] = found
-            fields.append(pa.field(name, found.type, metadata=field.metadata if is_same_kind else None))
+            aligned, is_same_kind = _apply(near, column, choice, name, is_text=ENCODING_KEY in (field.metadata or {}))
+            columns[name] = aligned
+            fields.append(pa.field(name, aligned.type, metadata=field.metadata if is_same_kind else None))
     about = {"ml_dash": orjson.dumps({"time": TIME_KEY, "topics": list(tables)})}
     return pa.table([pa.array(times), *columns.values()], schema=pa.schema(fields, metadata=about))
 
@@ -162,9 +162,11 @@ def _apply(near: _Near | None, column: Any, choice: Choice, name: str, *, is_tex
     numbers = _Numbers.of(column) if method in (LINEAR, SLERP) and not is_text else None
     if method in (LINEAR, SLERP) and not pa.types.is_null(column.type):
         if numbers is None and (choice.is_explicit or method == SLERP):
-            raise AlignmentError(f"{name!r} holds {_said(column, is_text)}, for which there is no {method!r}; {_HINT}")
+            raise AlignmentError(
+                f"{name!r} holds {_described(column, is_text)}, for which there is no {method!r}; {_HINT}"
+            )
         if numbers is not None and method == SLERP and numbers.shape != (4,):
-            raise AlignmentError(f"{name!r} holds {_said(column, is_text)}; 'slerp' is for 4-vectors; {_HINT}")
+            raise AlignmentError(f"{name!r} holds {_described(column, is_text)}; 'slerp' is for 4-vectors; {_HINT}")
     if near is None:
         return column, True
     if numbers is None:
@@ -175,7 +177,7 @@ def _apply(near: _Near | None, column: Any, choice: Choice, name: str, *, is_tex
 _HINT = 'say how={"topic.field": "previous", ...} for it'
 
 
-def _said(column: Any, is_text: bool) -> str:
+def _described(column: Any, is_text: bool) -> str:
     return "values of various types" if is_text else f"values of type {column.type}"
 
 
@@ -207,16 +209,16 @@ class _Numbers:
     def of(column: Any) -> _Numbers | None:
         """Return a column as numbers; None if it holds something else."""
         array = typed_columns.whole(column)
-        shape, leaf = numpy_columns.shape_of(array)
+        shape, leaf = numpy_columns.common_shape(array)
         if shape is None or 0 in shape or not (pa.types.is_integer(leaf.type) or pa.types.is_floating(leaf.type)):
             return None
         present = pc.is_valid(array).to_numpy(zero_copy_only=False)
         flat = leaf.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
-        known = pc.is_valid(leaf).to_numpy(zero_copy_only=False)
+        is_number = pc.is_valid(leaf).to_numpy(zero_copy_only=False)
         values, is_known = np.full((len(array), *shape), math.nan), np.zeros((len(array), *shape), np.bool_)
         which = slice(None) if not shape else present  # an inner array is only as long as there are lists
         values[which] = flat.reshape(-1, *shape)
-        is_known[which] = known.reshape(-1, *shape)
+        is_known[which] = is_number.reshape(-1, *shape)
         return _Numbers(shape, values, present, is_known)
 
     def between(self, near: _Near, method: Callable[[Floats, Floats, Floats], Floats]) -> Any:
@@ -228,24 +230,24 @@ class _Numbers:
         before, after = near.before, near.after
         usable &= self.present[before] & self.present[after]
         before, after = before[usable], after[usable]
-        found = method(self.values[before], self.values[after], weight[usable])
-        known = self.is_known[before] & self.is_known[after]
+        values = method(self.values[before], self.values[after], weight[usable])
+        is_number = self.is_known[before] & self.is_known[after]
         if method is interpolate.slerp:  # all four elements, or none
-            usable[usable] = has_direction = known.all(axis=1) & ~np.isnan(found).any(axis=1)
-            found, known = found[has_direction], known[has_direction]
-        return _to_arrow(found, usable, known)
+            usable[usable] = has_direction = is_number.all(axis=1) & ~np.isnan(values).any(axis=1)
+            values, is_number = values[has_direction], is_number[has_direction]
+        return _to_arrow(values, usable, is_number)
 
 
-def _to_arrow(found: Floats, usable: Flags, known: Flags) -> Any:
+def _to_arrow(rows: Floats, usable: Flags, is_number: Flags) -> Any:
     """Return values, those of the usable rows, as a column."""
-    shape = found.shape[1:]
+    shape = rows.shape[1:]
     if not shape:
         values = np.zeros(len(usable))
-        values[usable] = found
+        values[usable] = rows
         usable = usable.copy()
-        usable[usable] = known
+        usable[usable] = is_number
         return pa.chunked_array([pa.array(values, mask=~usable)])
-    array = pa.array(found.reshape(-1), mask=None if known.all() else ~known.reshape(-1))
+    array = pa.array(rows.reshape(-1), mask=None if is_number.all() else ~is_number.reshape(-1))
     for size in shape[:0:-1]:
         array = pa.FixedSizeListArray.from_arrays(array, size)
     if usable.all() and len(shape) == 1:

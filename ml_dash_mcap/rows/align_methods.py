@@ -27,10 +27,10 @@ class Choice:
 
 
 class Methods:
-    """What a caller said with `how=`: one method for all, or names to methods."""
+    """A caller's choice with `how=`: one method for all columns, or names to methods."""
 
     def __init__(self, how: str | Mapping[str, str]) -> None:
-        """Check what was said.
+        """Check a caller's choice.
 
         Args:
             how: A method, or a mapping from "topic.field", from a dict of fields such as "topic.camera", from "topic"
@@ -42,22 +42,22 @@ class Methods:
         """
         if not isinstance(how, (str, Mapping)):
             raise UsageError(f"how={how!r}: pass a method, or a dict of names to methods")
-        self._said = {ALL_OTHERS: how} if isinstance(how, str) else dict(how)
-        for name, method in self._said.items():
+        self._method_by_name = {ALL_OTHERS: how} if isinstance(how, str) else dict(how)
+        for name, method in self._method_by_name.items():
             if method not in METHODS:
                 raise AlignmentError(f"how={how!r}: {name!r} is {method!r}; the methods are {', '.join(METHODS)}")
 
     @property
     def has_names(self) -> bool:
         """Whether it speaks of single topics or columns."""
-        return bool(set(self._said) - {ALL_OTHERS})
+        return bool(set(self._method_by_name) - {ALL_OTHERS})
 
     def of(self, topic: str, field: str) -> Choice:
         """Return the method of a column."""
         column = f"{topic}.{field}"
         for name in (column, *_above(topic, field), ALL_OTHERS):
-            if name in self._said:
-                return Choice(self._said[name], name == column)
+            if name in self._method_by_name:
+                return Choice(self._method_by_name[name], name == column)
         return Choice(PREVIOUS)
 
     def check_names(self, columns: Mapping[str, Iterable[str]]) -> None:
@@ -69,14 +69,14 @@ class Methods:
         Raises:
             NotFoundError: One does not; the message names similar ones. Also a KeyError.
         """
-        known: dict[str, Any] = {ALL_OTHERS: None}
+        nameable: dict[str, Any] = {ALL_OTHERS: None}
         for topic, fields in columns.items():
             for field in fields:
-                known.update(dict.fromkeys((f"{topic}.{field}", *_above(topic, field))))
-            known[topic] = None
-        for name in self._said:
-            if name not in known:
-                raise not_found("column", name, known)
+                nameable.update(dict.fromkeys((f"{topic}.{field}", *_above(topic, field))))
+            nameable[topic] = None
+        for name in self._method_by_name:
+            if name not in nameable:
+                raise not_found("column", name, nameable)
 
 
 def _above(topic: str, field: str) -> list[str]:

@@ -23,25 +23,21 @@ def of(values: Sequence[Any]) -> pa.Array | None:
     An element that is masked is null. None comes back where types or numbers of dimensions differ.
     """
     present = [value for value in values if value is not None]
-    kinds = {(type(value), getattr(value, "dtype", None), getattr(value, "ndim", 0)) for value in present}
-    dtypes = {dtype.newbyteorder("=") for _, dtype, _ in kinds if dtype is not None}
-    dimensions = {ndim for _, _, ndim in kinds}
-    if (
-        len(dtypes) != 1
-        or len(dimensions) != 1
-        or 0 in dimensions
-        or not all(issubclass(one[0], np.ndarray) for one in kinds)
-    ):
+    if not all(isinstance(value, np.ndarray) for value in present):
         return None
-    found = _elements(present, dtypes.pop())
+    dtypes = {array.dtype.newbyteorder("=") for array in present}
+    dimensions = {array.ndim for array in present}
+    if len(dtypes) != 1 or len(dimensions) != 1 or 0 in dimensions:
+        return None
+    elements = _elements(present, dtypes.pop())
     for level in reversed(range(dimensions.pop())):
-        lengths = np.array([one.shape[level] for one in present], np.int64)
-        repeats = np.array([int(np.prod(one.shape[:level])) for one in present], np.int64)
+        lengths = np.array([array.shape[level] for array in present], np.int64)
+        repeats = np.array([int(np.prod(array.shape[:level])) for array in present], np.int64)
         is_present = None
         if level == 0 and len(present) < len(values):
             is_present = np.array([value is not None for value in values])
-        found = _listed(found, lengths, repeats, is_present)
-    return found
+        elements = _listed(elements, lengths, repeats, is_present)
+    return elements
 
 
 def lists(values: Sequence[Any]) -> list[Any]:
@@ -51,10 +47,10 @@ def lists(values: Sequence[Any]) -> list[Any]:
 
 def _elements(present: Sequence[Any], dtype: np.dtype[Any]) -> pa.Array:
     """Return all elements of arrays, one behind the other."""
-    flat = [np.ma.getdata(one).reshape(-1).astype(dtype, copy=False) for one in present]
+    flat = [np.ma.getdata(array).reshape(-1).astype(dtype, copy=False) for array in present]
     numbers = flat[0] if len(flat) == 1 else np.concatenate(flat)
-    if any(np.ma.is_masked(one) for one in present):
-        mask = np.concatenate([np.ma.getmaskarray(one).reshape(-1) for one in present])
+    if any(np.ma.is_masked(array) for array in present):
+        mask = np.concatenate([np.ma.getmaskarray(array).reshape(-1) for array in present])
         return pa.array(numbers, mask=mask)
     return pa.array(numbers) if dtype.kind == "b" else zero_copy.to_arrow(numbers)
 

@@ -46,8 +46,8 @@ def names(field: str, lengths: Lengths) -> Iterator[str]:
 
 def elements(array: pa.Array, place: int) -> pa.Array:
     """Return the element at a place of each list; null where the list is shorter, or missing."""
-    said = pc.list_value_length(array)
-    lengths = (pc.fill_null(said, 0) if said.null_count else said).to_numpy()
+    lengths_or_nulls = pc.list_value_length(array)
+    lengths = (pc.fill_null(lengths_or_nulls, 0) if lengths_or_nulls.null_count else lengths_or_nulls).to_numpy()
     starts = np.cumsum(lengths) - lengths
     return array.flatten().take(pa.array(starts + place, mask=lengths <= place))
 

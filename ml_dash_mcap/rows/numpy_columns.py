@@ -25,12 +25,12 @@ def from_table(table: pa.Table) -> dict[str, npt.NDArray[Any]]:
     None for what is missing; so are columns of JSON text, with the values that it says.
     """
     return {
-        field.name: _said(column) if is_json(field) else _array(whole(column))
+        field.name: _decoded(column) if is_json(field) else _array(whole(column))
         for field, column in zip(table.schema, table.columns, strict=True)
     }
 
 
-def _said(column: pa.ChunkedArray) -> npt.NDArray[Any]:
+def _decoded(column: pa.ChunkedArray) -> npt.NDArray[Any]:
     return _of_objects(values_of(Column(column, is_text=True)))
 
 
@@ -42,7 +42,7 @@ def doubles(array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
 
 
 def _array(array: pa.Array) -> npt.NDArray[Any]:
-    shape, leaf = shape_of(array)
+    shape, leaf = common_shape(array)
     if shape is not None and len(shape) <= _MOST_LISTS:
         flat = _numbers(leaf)
         if flat is not None:
@@ -63,7 +63,7 @@ def cells(column: pa.ChunkedArray | pa.Array) -> list[Any]:
     """Return the arrays of a column that `is_large`, one a row; None where there is none, lists if they are ragged."""
     array = whole(column)
     made = [_array(array.slice(at, 1)) if array[at].is_valid else None for at in range(len(array))]
-    return [None if one is None else one[0] for one in made]
+    return [None if array is None else array[0] for array in made]
 
 
 def objects(array: pa.Array) -> npt.NDArray[Any]:
@@ -72,13 +72,13 @@ def objects(array: pa.Array) -> npt.NDArray[Any]:
 
 
 def _of_objects(values: list[Any]) -> npt.NDArray[Any]:
-    found = np.empty(len(values), object)
+    objects_ = np.empty(len(values), object)
     for place, value in enumerate(values):
-        found[place] = value
-    return found
+        objects_[place] = value
+    return objects_
 
 
-def shape_of(array: pa.Array) -> tuple[tuple[int, ...] | None, pa.Array]:
+def common_shape(array: pa.Array) -> tuple[tuple[int, ...] | None, pa.Array]:
     """Return the shape of each value and the array of all their elements; None if the shapes differ."""
     type_ = array.type
     if pa.types.is_list(type_) or pa.types.is_fixed_size_list(type_):
@@ -86,7 +86,7 @@ def shape_of(array: pa.Array) -> tuple[tuple[int, ...] | None, pa.Array]:
         elements = array.flatten()
         if len(lengths) != 1 or (elements.null_count and pa.types.is_nested(elements.type)):
             return None, array
-        inner, leaf = shape_of(elements)
+        inner, leaf = common_shape(elements)
         return (None if inner is None else (int(lengths[0]), *inner)), leaf
     return (), array
 
@@ -121,9 +121,9 @@ def _with_gaps(flat: npt.NDArray[Any], array: pa.Array, shape: tuple[int, ...]) 
     present = array.is_valid().to_numpy(zero_copy_only=False)
     part = (int(np.count_nonzero(present)), *shape)
     if flat.dtype.kind == "f":
-        found = np.full((len(array), *shape), np.nan, flat.dtype)
-        found[present] = flat.reshape(part)
-        return found
+        fractions = np.full((len(array), *shape), np.nan, flat.dtype)
+        fractions[present] = flat.reshape(part)
+        return fractions
     nothing = _nothing(pa.from_numpy_dtype(flat.dtype))
     values = np.full((len(array), *shape), nothing, flat.dtype)
     mask = np.ones(values.shape, np.bool_)

@@ -124,18 +124,6 @@ def is_plain(spelled: str) -> bool:
     return not spelled.startswith(("masked ", ">"))
 
 
-def common(first: str, second: str) -> str:
-    """Return what describes arrays of two descriptions: `float32[,3]` where a length differs; "" if more does."""
-    if first == second:
-        return first
-    (name, _, ours), (other, _, theirs) = first.partition("["), second.partition("[")
-    lengths, others = ours[:-1].split(","), theirs[:-1].split(",")
-    if name != other or len(lengths) != len(others):
-        return ""
-    both = [one if one == another else "" for one, another in zip(lengths, others, strict=True)]
-    return f"{name}[{','.join(both)}]"
-
-
 def parse(description: str) -> tuple[str, tuple[int | None, ...]] | None:
     """Return the type and the shape that a description says, None for a length that differs."""
     match = _DESCRIPTION.fullmatch(description)

@@ -312,12 +312,12 @@ def _of_dict_values(dicts: Sequence[dict[str, Any]], is_coarse: bool) -> Shape:
         return of_dicts(fields)
     keys, optional = dicts[0].keys(), frozenset[str]()
     columns: dict[str, Sequence[Any]]
-    if all(one.keys() == keys for one in dicts):
-        columns = {key: [one[key] for one in dicts] for key in keys}
+    if all(row.keys() == keys for row in dicts):
+        columns = {key: [row[key] for row in dicts] for key in keys}
     else:
         lists: dict[str, list[Any]] = {}
-        for one in dicts:
-            for key, value in one.items():
+        for row in dicts:
+            for key, value in row.items():
                 lists.setdefault(key, []).append(value)
         columns = dict(lists)
         optional = frozenset(key for key, values in columns.items() if len(values) < len(dicts))

@@ -40,11 +40,11 @@ def shaped(table: pa.Table, *, flatten: bool, time: TimeForm) -> pa.Table:
         raise UsageError(f"flatten={flatten!r}: pass True or False")
     if time not in get_args(TimeForm):
         raise OptionError(f"time={time!r}: pass {', '.join(map(repr, get_args(TimeForm)))}")
-    found = element_columns.of_table(table) if flatten else table
+    shaped_table = element_columns.of_table(table) if flatten else table
     if time == "seconds":
-        return found
-    stamps = nanoseconds(typed_columns.whole(found.column(TIME_KEY))).cast(_ARROW_TIMES[time])
-    return found.set_column(found.column_names.index(TIME_KEY), TIME_KEY, stamps)
+        return shaped_table
+    stamps = nanoseconds(typed_columns.whole(shaped_table.column(TIME_KEY))).cast(_ARROW_TIMES[time])
+    return shaped_table.set_column(shaped_table.column_names.index(TIME_KEY), TIME_KEY, stamps)
 
 
 def to_pandas(table: pa.Table) -> pd.DataFrame:
@@ -88,8 +88,8 @@ def nanoseconds(times: pa.Array) -> pa.Array:
     """Return time stamps in ns, as integers; null where 64 bits with a sign cannot hold them."""
     seconds = np.array(times.to_numpy(zero_copy_only=False), np.float64)
     fits = (seconds >= 0) & (seconds < clock.END_S)
-    found = clock.to_nanoseconds_each(np.where(fits, seconds, 0.0)).astype(np.int64)
-    return pa.array(found, mask=~fits)
+    times_ns = clock.to_nanoseconds_each(np.where(fits, seconds, 0.0)).astype(np.int64)
+    return pa.array(times_ns, mask=~fits)
 
 
 def _has_gaps(array: pa.Array) -> bool:
@@ -105,11 +105,13 @@ def _has_gaps(array: pa.Array) -> bool:
 def _cells(column: pa.ChunkedArray) -> list[Any]:
     """Return lists as arrays of objects, as pandas has them; dicts and lists of such as they are."""
     values = column.to_pylist()
-    return [np.array(one, object) if isinstance(one, list) and not _holds_dicts(one) else one for one in values]
+    return [
+        np.array(value, object) if isinstance(value, list) and not _holds_dicts(value) else value for value in values
+    ]
 
 
 def _holds_dicts(values: list[Any]) -> bool:
-    return any(isinstance(one, (dict, list)) for one in values)
+    return any(isinstance(value, (dict, list)) for value in values)
 
 
 def _module(name: str) -> Any:

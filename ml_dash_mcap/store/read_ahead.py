@@ -51,8 +51,8 @@ def in_order(
         while waiting:
             yield waiting.popleft()[0].result()
     finally:
-        for one, _ in waiting:
-            one.cancel()
+        for future, _ in waiting:
+            future.cancel()
 
 
 _shared: ThreadPoolExecutor | None = None

@@ -276,7 +276,7 @@ def _array(field: pa.Field, column: pa.Array) -> Any:
         inner = [field.type.field(at) for at in range(field.type.num_fields)]
         found = {one.name: _array(one, child) for one, child in zip(inner, column.flatten(), strict=True)}
         return found if found and all(one is not None for one in found.values()) else None
-    shape, leaf = numpy_columns.shape_of(column)
+    shape, leaf = numpy_columns.common_shape(column)
     is_number = pa.types.is_integer(leaf.type) or pa.types.is_floating(leaf.type) or pa.types.is_boolean(leaf.type)
     if shape is None or not is_number or 0 in shape or (shape and leaf.null_count):
         return None

@@ -236,7 +236,7 @@ def numbers(array: pa.Array) -> npt.NDArray[Any] | None:
     """Return numbers, booleans, or vectors of one shape as numpy, [N, ...]; None for all else, and with any null."""
     if array.null_count:
         return None
-    shape, leaf = numpy_columns.shape_of(array)
+    shape, leaf = numpy_columns.common_shape(array)
     if shape is None or leaf.null_count or 0 in shape:
         return None
     if not (pa.types.is_integer(leaf.type) or pa.types.is_floating(leaf.type) or pa.types.is_boolean(leaf.type)):
