@@ -1,4 +1,4 @@
-"""The recordings below a folder, each at a glance."""
+"""The recordings below a folder, each with its status, its time and its size."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .store.session_lock import SessionLock
 from .store.store import Store
 
 _BAG_FILE = "metadata.yaml"
-"""Says that a folder is a rosbag2."""
+"""The file that makes a folder a ROS 2 bag."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,17 +34,17 @@ class CatalogEntry:
     """How the run ended: "completed", "failed" or "cancelled"; "died" if nobody said. "recording" while it is recorded.
     Where no run was: "finished", or "unfinished" if a file lacks its end. "damaged" if something cannot be read."""
     start: float | None = None
-    """Time of the first message, in s; None without messages."""
+    """Time of the first message, in s; None if there is none."""
     end: float | None = None
-    """Time of the last message, in s; None without messages."""
+    """Time of the last message, in s; None if there is none."""
     topics: int = 0
-    """How many, without the library's own ones."""
+    """How many topics there are, without those of the library itself."""
     files: int = 0
-    """How many MCAP files it is made of."""
+    """How many MCAP files there are."""
     bytes: int = 0
-    """Size of these on disk."""
+    """The size of the files."""
     problem: str | None = None
-    """What is damaged, in words."""
+    """What is damaged, in words; None if nothing is."""
 
     @property
     def duration(self) -> float:
@@ -81,7 +81,7 @@ def recordings(root: str | Path, *, store: Store | None = None, recover: bool = 
 
 def _in_store(store: Store, prefix: str) -> Iterator[CatalogEntry]:
     """Yield the recordings in a folder of a store."""
-    for folder, inside in runs_in(store.list(prefix)):
+    for folder, inside in runs_in(store, prefix):
         sizes = {label(stored.name): stored.size for stored in inside}
         yield _look_at(label(folder), sizes.__getitem__, store=store)
 
@@ -117,7 +117,7 @@ def _look_at(
                 problem,
             )
     except (RecorderError, OSError) as error:
-        if isinstance(error, MissingRecordingError):  # before its first rows
+        if isinstance(error, MissingRecordingError):  # it has no file yet, because no row was written
             is_recorded = store is None and _is_recorded(folder)
             return CatalogEntry(folder, "recording" if is_recorded else "died")
         return CatalogEntry(folder, "damaged", problem=str(error))
@@ -128,7 +128,7 @@ def _size_on_disk(path: Path) -> int:
 
 
 def run_status(recording: Recording) -> str:
-    """Return how a recording's run stands, or where there was none, its files: see `CatalogEntry.status`."""
+    """Return the status of a recording, as `CatalogEntry.status` has it."""
     is_recorded = recording.store is None and _is_recorded(recording.path)
     return status_of(recording.run.get("status"), is_recorded=is_recorded, is_finished=recording.finished)
 

@@ -1,4 +1,4 @@
-"""What a caller names, opened as the files of a recording: recovered, converted or found in a store first."""
+"""Opening a recording: what a dead recorder left is recovered, and other formats are converted, before files open."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class OpeningOptions:
     """How a recording is opened."""
 
     recover: bool
-    """Whether what a dead recorder left is made whole first, which writes into its folder."""
+    """Whether to make whole first what a dead recorder left, which writes into its folder."""
     salvages: bool
     """Whether to leave out what is damaged rather than to raise."""
     limits: Limits
     decoding: Decoding
     foreign: Mapping[str, Any]
-    """Options for the formats of others, for those that have them."""
+    """Options of other formats; each format takes those that it has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +42,12 @@ class Opened:
     """The open files of a recording."""
 
     paths: list[Path]
-    """What was named; in a store, pure paths."""
+    """The paths that the caller gave; in a store, pure paths."""
     segments: Segments
     store: Store | None
     """Where the files lie; None on this machine."""
     converted: list[TemporaryDirectory[str]] = field(default_factory=list)
-    """Folders with what had to be converted."""
+    """Temporary folders with recordings that were converted from other formats."""
 
     def is_recorded(self, run: str) -> bool:
         """Whether the recorder of a run lives."""
@@ -57,7 +57,7 @@ class Opened:
         return any(SessionLock.is_held(folder / SESSION_FILE.format(session=run)) for folder in folders)
 
     def close(self) -> None:
-        """Close the files and remove what was converted. May be called twice."""
+        """Close the files, and remove the temporary folders. May be called twice."""
         self.segments.close()
         _remove(self.converted)
 
@@ -65,12 +65,12 @@ class Opened:
 def open_recording(
     given: str | os.PathLike[str] | Iterable[str | os.PathLike[str]], store: Store | None, options: OpeningOptions
 ) -> Opened:
-    """Open what a caller names.
+    """Open the files of a recording.
 
     Args:
-        given: A folder's or file's path, or several; with a store, their names in it.
+        given: The path of a folder or a file, or several paths; with a store, names in it.
         store: Where they lie; None for this machine.
-        options: How.
+        options: How to open them.
 
     Raises:
         MissingRecordingError: There is no recording.
@@ -105,7 +105,7 @@ def _segments(places: Places, options: OpeningOptions) -> Segments:
 
 
 def _recover(folder: Path) -> None:
-    """Give the rows that a dead recorder left in its journal a place in the recording."""
+    """Write the rows that a dead recorder left in its journal into files of the recording."""
     if folder.is_dir() and next(folder.glob(SESSION_GLOB), None) is not None:
         from .recovery import recover_folder
 
@@ -113,7 +113,7 @@ def _recover(folder: Path) -> None:
 
 
 def _as_mcap(path: Path, options: OpeningOptions, converted: list[TemporaryDirectory[str]]) -> list[Path]:
-    """Return where to read what is at a path: there, or in a temporary place if it is in another format."""
+    """Return paths of MCAP files: the path itself, or those of a temporary recording if it is in another format."""
     if not registry.may_be_foreign(path):
         return [path]
     from .formats import readers

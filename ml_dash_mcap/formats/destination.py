@@ -1,4 +1,4 @@
-"""Files and folders that are there when they are whole, and not before."""
+"""Files and folders that appear at their destination when they are whole."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ from .swap_names import exchange
 _LONGEST_NAME = 200
 
 _keep: ContextVar[Callable[[Path], str] | None] = ContextVar("keep", default=None)
-"""Returns why what is at a destination must stay; empty if it may be replaced. None where nothing may.
+"""Returns why what is at a destination must stay; empty if it may be replaced. None if nothing may be replaced.
 
-Exporters write to one destination or several, some of which they name themselves; this reaches all of them."""
+It is a context variable, because an exporter may write several files, and names some of them itself. A parameter would
+have to pass through all exporters."""
 
 
 @contextlib.contextmanager
 def replacing(keep: Callable[[Path], str]) -> Iterator[None]:
-    """Let the block's destinations replace what is there: the old one stays until the new one is whole.
+    """Let destinations that are written in the block replace what is there, once the new file or folder is whole.
 
     Args:
         keep: Returns why what is at a path must stay, in words; empty if it may be replaced.
@@ -40,7 +41,9 @@ def replacing(keep: Callable[[Path], str]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def fresh_file(dest: Path) -> Iterator[Path]:
-    """Give a path beside `dest` to write to; it gets its name when the block ends, and goes if the block fails.
+    """Give a path beside `dest` to write a file to. The file moves to `dest` when the block ends.
+
+    If the block fails, the file is removed.
 
     Raises:
         DestinationExistsError: There is something at `dest` already.
@@ -52,7 +55,9 @@ def fresh_file(dest: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def fresh_folder(dest: Path) -> Iterator[Path]:
-    """Give an empty folder beside `dest` to write into; it gets its name when the block ends, and goes if that fails.
+    """Give an empty folder beside `dest` to write into. The folder moves to `dest` when the block ends.
+
+    If the block fails, the folder is removed.
 
     Raises:
         DestinationExistsError: There is something at `dest` already, other than an empty folder.
@@ -86,7 +91,7 @@ def _fresh(dest: Path, *, is_folder: bool) -> Iterator[Path]:
 
 
 def refuse_existing(dest: Path) -> None:
-    """Raise DestinationExistsError if there is something at a path that must stay; an empty folder need not."""
+    """Raise DestinationExistsError if something at a path must stay. An empty folder may always be replaced."""
     if _is_empty_folder(dest) or not (dest.exists() or dest.is_symlink()):
         return
     keep = _keep.get()
@@ -99,11 +104,11 @@ def refuse_existing(dest: Path) -> None:
 
 
 def _refuse_other_kind(dest: Path, is_folder: bool) -> None:
-    """Raise DestinationExistsError if a file would replace a folder with something in it, or a folder a file."""
+    """Raise DestinationExistsError if a file would replace a folder that is not empty, or a folder a file."""
     if dest.exists() and dest.is_dir() != is_folder and not _is_empty_folder(dest):
         kinds = ("a folder", "a file")
-        there, new = kinds if dest.is_dir() else kinds[::-1]
-        what = f"cannot be replaced: it is {there}, and what is written is {new}"
+        present, new = kinds if dest.is_dir() else kinds[::-1]
+        what = f"cannot be replaced: it is {present}, and what is written is {new}"
         raise DestinationExistsError(errno.EEXIST, what, str(dest))
 
 
@@ -112,7 +117,7 @@ def _is_empty_folder(path: Path) -> bool:
 
 
 def _put(new: Path, dest: Path) -> None:
-    """Give something its name, and remove what has that name so far; there is always one of the two."""
+    """Move a new file or folder to its destination, and remove the old one. One of both is there at every moment."""
     if dest.is_dir() and not _is_empty_folder(dest):
         old = new.with_suffix(".old")
         if exchange(new, dest):
@@ -128,22 +133,22 @@ def _put(new: Path, dest: Path) -> None:
 
 
 def _remove(path: Path, made: Iterable[Path]) -> None:
-    """Remove what was written, and the folders that were made for it, the innermost first."""
+    """Remove what was written, and the folders that were made for it, from the innermost on."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:
         with contextlib.suppress(OSError):
             path.unlink()
-    with contextlib.suppress(OSError):  # somebody else uses one of them now
+    with contextlib.suppress(OSError):  # another process has put something into one of them
         for folder in made:
             folder.rmdir()
 
 
 def name_of(topic: str, suffix: str) -> str:
-    """Return a file's name for a topic: no two topics share one, and none leaves its folder.
+    """Return a file's name for a topic. No two topics share a name, and no name leaves its folder.
 
-    Letters and digits of all languages stay, and so do `-`, `_`, blanks and dots inside; all else becomes `%2F` and
-    the like.
+    Letters and digits of all languages stay as they are, and so do `-`, `_`, blanks and dots inside the name. All other
+    characters are spelt like `%2F`.
     """
     inside = "".join(letter if letter.isalnum() or letter in "-_. " else _percent(letter) for letter in topic)
     name = inside if inside[:1] not in (".", " ") else _percent(inside[0]) + inside[1:]
@@ -153,7 +158,7 @@ def name_of(topic: str, suffix: str) -> str:
 
 
 def names_of(topics: Iterable[str], suffix: str) -> dict[str, str]:
-    """Return a file's name for each of some topics, as `name_of` does; no two differ only in upper and lower case."""
+    """Return a file's name for each of some topics, as `name_of` does. No two names differ only in case."""
     names: dict[str, str] = {}
     taken: set[str] = set()
     for topic in topics:
@@ -166,7 +171,7 @@ def names_of(topics: Iterable[str], suffix: str) -> dict[str, str]:
 
 
 def _folded(name: str) -> str:
-    """Return what a file system that ignores case, and how accents are spelt, takes a name for."""
+    """Return one form for all names that some file systems take for the same: they ignore case and forms of accents."""
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 

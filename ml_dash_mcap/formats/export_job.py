@@ -1,4 +1,4 @@
-"""What to export, and where to."""
+"""One export: which rows, where to, and how far it has come."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Job:
     """One call of `Recording.export`: some topics of a recording, a time range, a destination."""
 
     dest: Path
-    """Where the result goes; nothing is there yet."""
+    """The path to write to. Nothing is there yet."""
     files: Sequence[File]
-    """Of the recording, in the order of writing."""
+    """The files of the recording, in the order of writing."""
     topics: Mapping[str, TopicInfo]
-    """Those to export, by name; each is looked up when it is asked for."""
+    """The topics to export, by name; each is looked up when it is asked for."""
     low: float = -math.inf
     """First time stamp, in s."""
     high: float = math.inf
@@ -43,17 +43,17 @@ class Job:
         return TopicPart(self.stored(topic), self.low, self.high, columns)
 
     def without(self, topics: Collection[str]) -> Job:
-        """Return the same for all topics but some."""
+        """Return the same job without some of its topics."""
         names = [name for name in self.topics if name not in topics]
         return replace(self, topics=Lookup("topic", names, self.topics.__getitem__))
 
     def counter(self) -> RowCounter:
-        """Return what counts rows for `progress`."""
+        """Return a counter that reports to `progress`."""
         return RowCounter(self.progress, sum(info.count for info in self.topics.values()) if self.progress else 0)
 
 
 class RowCounter:
-    """Counts the rows that are done and reports them."""
+    """Counts the rows that are written, and reports them."""
 
     def __init__(self, progress: Progress | None, total: int) -> None:
         self._progress = progress
@@ -61,19 +61,19 @@ class RowCounter:
         self._done = 0
 
     def add(self, rows: int) -> None:
-        """So many more rows are done."""
+        """Count some more rows."""
         self._done += rows
         if self._progress is not None:
             self._progress(min(self._done, self._total), self._total)
 
     def finish(self) -> None:
-        """All are done, although a time range may have left some out."""
+        """Report that all rows are written, although a time range may have left some out."""
         if self._progress is not None:
             self._progress(self._total, self._total)
 
 
 class RestartableCounter:
-    """Counts rows once, although an export may have to begin again."""
+    """Counts each row once, although an export may have to begin again from its first row."""
 
     def __init__(self, counter: RowCounter) -> None:
         self._counter = counter
@@ -85,12 +85,12 @@ class RestartableCounter:
         self._done = 0
 
     def add(self, rows: int) -> None:
-        """So many more rows are done."""
+        """Count some more rows. Those that were counted before the export began again are left out."""
         self._done += rows
         if self._done > self._most:
             self._counter.add(self._done - self._most)
             self._most = self._done
 
     def finish(self) -> None:
-        """All are done."""
+        """Report that all rows are written."""
         self._counter.finish()

@@ -1,4 +1,4 @@
-"""Where an export goes: a path of this machine; or a name in a store, written here first and put there when whole."""
+"""Where an export goes: a path of this machine, or a name in a store, where files are put when all are written."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from .replacing import content_that_stays, keeper
 
 @dataclass(frozen=True, slots=True)
 class Reads:
-    """What is read while an export is written, and must not be replaced by it."""
+    """The recording that is read while an export is written, and must not be replaced by it."""
 
     store: Store | None
-    """Where it lies; None on this machine."""
+    """Where the recording lies; None on this machine."""
     paths: Sequence[Path]
-    """Folders and files; in a store, pure paths."""
+    """Its folders and files; in a store, pure paths."""
 
 
 def located(dest: str | os.PathLike[str], store: Store | None) -> tuple[Path, Store | None]:
-    """Return where a caller wants a result: a path of this machine and None; or in a store a pure path, and the store.
+    """Return where a caller wants a result: a path of this machine, and None; or a pure path in a store, and the store.
 
     Raises:
         PrefixError: No store takes that name.
@@ -45,14 +45,14 @@ def located(dest: str | os.PathLike[str], store: Store | None) -> tuple[Path, St
 
 @contextlib.contextmanager
 def destination(path: Path, store: Store | None, format: str, *, overwrite: bool, reads: Reads) -> Iterator[Path]:
-    """Give a path of this machine to write to; what is there when the block ends is at the destination.
+    """Give a path of this machine to write to. What is written there is at the destination after the block.
 
     Args:
         path: Of the destination, as `located` returned it.
         store: Where that lies; None on this machine.
         format: One that is written.
         overwrite: Whether to replace an earlier result of the format.
-        reads: What is read meanwhile.
+        reads: The recording that is read meanwhile.
 
     Raises:
         DestinationExistsError: Something is at the destination that must stay; nothing was written.
@@ -70,9 +70,9 @@ def destination(path: Path, store: Store | None, format: str, *, overwrite: bool
 
 @contextlib.contextmanager
 def _put_when_whole(store: Store, dest: str, format: str, *, overwrite: bool, reads: Sequence[str]) -> Iterator[Path]:
-    """Give a path to write to, and put what is there when the block ends into a store; nothing if the block fails.
+    """Give a path to write to. After the block, what was written is put into a store; if the block fails, nothing is.
 
-    A result of several files appears one by one, the file that tells the format last. Whoever finds that one finds all.
+    The files of a folder appear one by one, the file that tells its format last: when that one is there, all are.
     """
     earlier = _at(store, dest)
     if earlier:
@@ -97,7 +97,7 @@ _NOT_OVERWRITTEN = "is there already; overwrite=True replaces it, or choose anot
 
 
 def _put_all(store: Store, names: dict[str, Path], put: Callable[[str, Path], str]) -> None:
-    """Put files, in order; if one cannot be put, those before it are removed, unless they replaced something."""
+    """Put files, in order. If one cannot be put, those before it are removed, unless they may have replaced others."""
     done: list[str] = []
     try:
         for name, path in names.items():
@@ -111,7 +111,7 @@ def _put_all(store: Store, names: dict[str, Path], put: Callable[[str, Path], st
 
 
 def _at(store: Store, dest: str) -> list[str]:
-    """Return the names of what is at a destination: of an object, or of all in a folder."""
+    """Return the names of the objects at a destination: those in a folder of that name, and that of an object."""
     names = [stored.name for stored in store.list(dest)]
     with contextlib.suppress(MissingObjectError):
         names.append(store.head(dest).name)

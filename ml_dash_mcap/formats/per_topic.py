@@ -1,4 +1,4 @@
-"""One file a topic in a folder; or one file, if there is one topic and the destination is named like one."""
+"""Exports with one file for each topic: a folder of them, or one file if the destination is named like one."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .destination import fresh_file, fresh_folder, names_of, refuse_existing
 from .export_job import Job, RowCounter
 
 Put: TypeAlias = Callable[[TopicPart, TopicInfo, Path, RowCounter], None]
-"""Writes one topic to a path and counts its rows."""
+"""Writes one topic to a path, and adds its rows to the counter."""
 
 
 def write(job: Job, suffix: str, put: Put) -> Path:
-    """Write a job's topics; returns its destination.
+    """Write the topics of a job, and return its destination.
 
     Args:
         job: What to export.

@@ -1,11 +1,10 @@
-"""What an export may replace at its destination: an earlier result of its own kind, and nothing else."""
+"""What an export may replace at its destination: only an earlier result of its own format."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Callable, Iterable
-from itertools import islice
 from pathlib import Path
 
 from ..errors import OptionError
@@ -16,23 +15,23 @@ from ..version import LIBRARY
 from . import registry
 
 RECORDING = "recording"
-"""Stands among the formats for a recording's folder, which `convert` makes."""
+"""Stands for the folder of a recording, which `convert` makes, where otherwise a format is named."""
 
 _OF_RECORDINGS = registry.Format(RECORDING, contents=r"[^/]+\.mcap(\.active)?|\.ml_dash-[^/]+\.(json|journal)|files/.+")
 
 _OF_DESKTOPS = (".DS_Store", "Thumbs.db", "desktop.ini")
 _LIBRARY = LIBRARY.split()[0].encode()
 _HEAD_BYTES = 1024
-"""More than the beginning of a file up to the name of its library."""
-_LOOKED_AT = 100_000
-"""So many files of a folder are looked at; one with more is not replaced."""
+"""An MCAP file has the name of its library within its first bytes, and these are more than enough."""
+_MOST_FILES = 100_000
+"""No more names of a folder are looked at, so a folder with more files is not replaced."""
 
 Keep = Callable[[Path], str]
 """Returns why what is at a path must stay, in words; empty if it may be replaced."""
 
 
 def keeper(format: str, sources: Iterable[Path]) -> Keep:
-    """Return what judges whether something may be replaced by a result of a format.
+    """Return a function that says why a path must not be replaced by a result of a format.
 
     Args:
         format: The name of a format, or `RECORDING`.
@@ -60,16 +59,18 @@ def check_overwrite(overwrite: object) -> None:
 
 
 def content_that_stays(names: Iterable[str], format: str) -> str:
-    """Return what keeps a folder from being replaced by a result of a format; empty if nothing does.
+    """Return why a folder must not be replaced by a result of a format, in words; empty if it may be.
 
     Args:
-        names: Of all files below the folder, relative to it.
+        names: The names of all files below the folder, relative to it.
         format: One that is written, or `RECORDING`.
     """
     entry = registry.find(format, "write") or _OF_RECORDINGS
     pattern = re.compile(entry.contents)
     needed = entry.landmark
-    for name in islice(names, _LOOKED_AT + 1):
+    for number, name in enumerate(names):
+        if number == _MOST_FILES:
+            return f"is a folder with more than {_MOST_FILES} files; remove it yourself, or choose another place"
         if name == needed:
             needed = ""
         if not pattern.fullmatch(name) and name.rpartition("/")[2] not in _OF_DESKTOPS:
@@ -94,7 +95,7 @@ def _reason_to_keep_folder(folder: Path, format: str) -> str:
 
 
 def _files(folder: Path) -> Iterable[str]:
-    """Yield the names of all files below a folder, relative to it; links to folders count as files."""
+    """Yield the names of all files below a folder, relative to it. Links to folders count as files."""
     for place, names, files in os.walk(folder):
         inside = Path(place).relative_to(folder)
         links = [name for name in names if os.path.islink(os.path.join(place, name))]
@@ -102,7 +103,7 @@ def _files(folder: Path) -> Iterable[str]:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether an MCAP file's header (https://mcap.dev/spec#header-op0x01) says that this library wrote it."""
+    """Whether the header of an MCAP file (https://mcap.dev/spec#header-op0x01) names this library."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
     begin = len(MAGIC) + 1 + 8  # the record's opcode and length

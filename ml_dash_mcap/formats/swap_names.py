@@ -1,4 +1,4 @@
-"""Two names of a file system exchanged in one step, where the system can do that."""
+"""Two paths exchanged in one step, where the operating system can do that."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
 
 
-def exchange(one: Path, other: Path) -> bool:
-    """Exchange what two paths name, in one step: at any moment there is something at each.
+def exchange(first: Path, second: Path) -> bool:
+    """Exchange two files or folders in one step, so that at every moment there is one at each path.
 
     Returns:
-        Whether it was done; Linux does it on most of its file systems (renameat2(2), RENAME_EXCHANGE).
+        Whether it was done. Linux can do it on most of its file systems (renameat2(2), RENAME_EXCHANGE).
     """
     call = _renameat2()
     if call is None:
         return False
-    return call(_AT_FDCWD, os.fsencode(one), _AT_FDCWD, os.fsencode(other), _RENAME_EXCHANGE) == 0
+    return call(_AT_FDCWD, os.fsencode(first), _AT_FDCWD, os.fsencode(second), _RENAME_EXCHANGE) == 0
 
 
 @functools.cache
 def _renameat2() -> Callable[[int, bytes, int, bytes, int], int] | None:
-    """Return the C library's function; None where it has none."""
+    """Return the function of the C library; None if the library has no such function."""
     try:
         call = ctypes.CDLL(None).renameat2
     except (AttributeError, OSError, TypeError):  # macOS and Windows, or a C library from before 2018

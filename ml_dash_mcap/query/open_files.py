@@ -1,4 +1,4 @@
-"""The files of a recording, opened, while some of them may still be growing."""
+"""The open files of a recording, of which some may still be written to."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .places import Places, finished_path
 
 
 class Segments:
-    """The files of one or several places. Any thread may read them; one at a time refreshes.
+    """The open files of a recording. Any thread may read them; only one thread at a time may refresh or close.
 
     Attributes:
-        files: In the order of writing, those that were chosen.
-        all: All that are there.
+        files: Those that were chosen, in the order of writing.
+        all: All of them, in the order of writing.
     """
 
     def __init__(
@@ -30,17 +30,17 @@ class Segments:
         salvages: bool = False,
         decoding: Decoding = decodings.DEFAULT,
     ) -> None:
-        """Open what is there.
+        """Open the files that are there.
 
         Args:
-            places: Where they lie; no file is opened twice.
-            limits: For what is read of a file.
-            salvages: Whether to leave out what is damaged, and note it, rather than to raise; also a file that is no
-                MCAP file, unless it is the only one that was asked for.
+            places: Where the files lie.
+            limits: How much memory reading a file may take.
+            salvages: Whether to leave out what is damaged, and note it, rather than to raise. A file that is no MCAP
+                file is left out too, unless it is the only one.
             decoding: How messages become rows.
 
         Raises:
-            MissingRecordingError: Nothing is.
+            MissingRecordingError: There are none.
             DamagedFileError: A file is no MCAP file, or a finished one is broken.
         """
         self._places = places
@@ -61,16 +61,16 @@ class Segments:
 
     @property
     def losses(self) -> list[Loss]:
-        """What was found damaged so far, and left out."""
+        """The damage that was met so far, and left out."""
         return [*self._refused.all(), *(loss for file in self.files for loss in file.losses)]
 
     def choose(self, is_chosen: Callable[[File], bool]) -> None:
-        """Leave only some of the files in `files`, now and after each refresh."""
+        """Keep only some of all files in `files`, now and after each refresh."""
         self._is_chosen = is_chosen
         self.files = [file for file in self.all if is_chosen(file)]
 
     def refresh(self) -> bool:
-        """Open files that are new, and go on with those that have grown or were renamed.
+        """Open new files, read what was written since, follow files that were renamed, and close those that are gone.
 
         Returns:
             Whether anything changed.

@@ -22,30 +22,30 @@ _MOST_OPENINGS = 16
 
 
 class Places(Protocol):
-    """What was opened: folders and files, in which files appear, grow and get their names while they are read."""
+    """The folders and files of a recording. Files may appear, grow and be renamed while they are read."""
 
     @property
     def is_one_file(self) -> bool:
-        """Whether it is a single file, so that nothing is left if that one cannot be read."""
+        """Whether it is a single file, so that nothing is left if that file cannot be read."""
 
     def present(self, *, is_known: bool) -> list[Path]:
-        """Return the files that are there now, in the order of writing, none of them twice.
+        """Return the files that are there now, in the order of writing, each once.
 
         Args:
-            is_known: Whether something was there before, so that nothing is no error.
+            is_known: Whether a recording was there before, so that it is no error if there are no files now.
 
         Raises:
             MissingRecordingError: There is no recording.
         """
 
     def prepare(self, paths: Sequence[Path]) -> None:
-        """Take note that some files will be opened: what that needs may be fetched for all of them together."""
+        """Take note that some files will be opened next, so that what opening needs can be fetched at once."""
 
     def open(self, path: Path) -> ByteSource:
-        """Open a file that is there; its source is closed by who asked for it."""
+        """Open a file that is there. The caller closes the source."""
 
     def is_same(self, source: ByteSource, path: Path) -> bool:
-        """Whether a path leads to the very file that is open as `source`, which may have been renamed since."""
+        """Whether a path leads to the file that is open as `source`, which may have been renamed since."""
 
 
 class LocalPlaces:
@@ -60,7 +60,7 @@ class LocalPlaces:
         return len(self._paths) == 1 and not self._paths[0].is_dir()
 
     def present(self, *, is_known: bool) -> list[Path]:
-        """Return the files that are there now; see `Places.present`. A file with several names has one of them."""
+        """Return the files that are there now; see `Places.present`. Of several paths of one file, one is returned."""
         files = list(dict.fromkeys(file for path in self._paths for file in self._present_at(path, is_known)))
         if len(self._paths) == 1:
             return files
@@ -69,14 +69,14 @@ class LocalPlaces:
     def _present_at(self, path: Path, is_known: bool) -> list[Path]:
         finished = finished_path(path)
         if finished != path and not path.exists() and finished.exists():
-            return [finished]  # the one file that was opened has been finished since
+            return [finished]  # a file in progress was opened, and has been finished since
         return recording_files.segments(path, is_known=is_known)
 
     def prepare(self, paths: Sequence[Path]) -> None:
         """Do nothing: opening a file of this machine waits for nothing."""
 
     def open(self, path: Path) -> ByteSource:
-        """Open a file; one in progress stays open, because it will be renamed."""
+        """Open a file. A file in progress stays open, because it will be renamed."""
         return LocalFile(path, stays_open=path.name.endswith(ACTIVE_SUFFIX))
 
     def is_same(self, source: ByteSource, path: Path) -> bool:
@@ -85,21 +85,21 @@ class LocalPlaces:
 
 
 class StoredPlaces:
-    """Folders and objects of a store. They are read as they are: what a dead recorder left, no store can finish."""
+    """Folders and objects of a store. They are only read: what a dead recorder left is not made whole there."""
 
     is_one_file = False
 
     def __init__(self, store: Store, names: Sequence[str]) -> None:
-        """Begin with nothing listed.
+        """Take the names, and list nothing yet.
 
         Args:
-            store: Where they lie.
-            names: Of folders and objects; "" is the whole store.
+            store: Where the objects lie.
+            names: Names of folders and objects, as `names_of` checked them.
         """
         self._store = store
         self._names = list(names)
         self._stored: dict[Path, StoredObject] = {}
-        """The files, as they were listed last."""
+        """The objects as they were listed last, by their labels."""
         self._prepared: dict[Path, ObjectSource] = {}
 
     def present(self, *, is_known: bool) -> list[Path]:
@@ -155,9 +155,9 @@ def _posix(path: os.PathLike[str]) -> str:
 
 
 def label(name: str) -> Path:
-    """Return an object's name in the form in which files are named.
+    """Return an object's name as a path, because files of recordings are named by paths.
 
-    It is a pure path: looking for it on this machine's disk, by mistake, is an error rather than another file.
+    It is a pure path: code that looks for it on this machine's disk by mistake gets an error, and no other file.
     """
     return cast(Path, PurePosixPath(name))
 

@@ -1,4 +1,4 @@
-"""Which files a recording is made of."""
+"""Which files of a folder make a recording, and what to say of a folder that is none."""
 
 from __future__ import annotations
 
@@ -19,22 +19,23 @@ _NUMBER = re.compile(r"([0-9]+)")
 
 _SEARCH_DEPTH = 4
 _MOST_FOLDERS = 5000
-"""So many are looked at, some tenths of a second, for runs to name."""
+"""So many folders are searched for runs that the error message names; that takes some tenths of a second."""
 _NAMED = 5
+"""An error message names so many runs or files."""
 
 
 def segments(path: Path, *, is_known: bool = False) -> list[Path]:
-    """Return the files of a recording in the order of writing, the finished ones and those in progress.
+    """Return the files of a recording in the order of writing, finished or in progress.
 
-    A run that has just begun has none yet; what its recorder keeps in its folder tells it from other folders.
+    A run that has just begun has none yet. The session file of its recorder tells its folder from others.
 
     Args:
         path: A run's folder, or one file.
-        is_known: Whether a folder is known to be that of a run, whatever is in it now.
+        is_known: Whether the folder was that of a run before, so that a folder without files is no error.
 
     Raises:
-        MissingRecordingError: There is nothing at that path, or it is a folder of other things; the message names runs
-            that lie further down.
+        MissingRecordingError: There is nothing at that path, or the folder holds no run; the message names runs in the
+            folders below it.
         StorageError: The folder cannot be read.
     """
     if path.is_file():
@@ -49,7 +50,7 @@ def segments(path: Path, *, is_known: bool = False) -> list[Path]:
 
 
 def in_writing_order(names: Iterable[str]) -> list[str]:
-    """Return those of a folder's files that are segments, in the order of writing."""
+    """Return the names of segments among those of a folder's files, in the order of writing."""
     by_stem: dict[str, str] = {}
     for name in sorted(filter(is_segment, names)):  # "x.mcap" comes before "x.mcap.active" and wins
         by_stem.setdefault(name.removesuffix(ACTIVE_SUFFIX), name)
@@ -57,16 +58,16 @@ def in_writing_order(names: Iterable[str]) -> list[str]:
 
 
 def refuse_in_store(store: Store, prefix: str, names: Iterable[str]) -> NoReturn:
-    """Raise MissingRecordingError because a folder of a store is no recording; the message names runs below it."""
-    runs = (folder.removeprefix(f"{prefix}/") for folder, _ in runs_in(store.list(prefix)))
+    """Raise MissingRecordingError, because a folder of a store holds no run. The message names runs below it."""
+    runs = (folder.removeprefix(f"{prefix}/") for folder, _ in runs_in(store, prefix))
     _refuse(f"{store.url}/{prefix}", list(names), list(islice(runs, _NAMED + 1)))
 
 
 def _names(path: Path) -> list[str]:
-    """Return the names of what is in a folder.
+    """Return the names of the files and folders in a folder.
 
     Raises:
-        StorageError: It cannot be read.
+        StorageError: The folder cannot be read.
     """
     try:
         return os.listdir(path)
@@ -75,19 +76,19 @@ def _names(path: Path) -> list[str]:
 
 
 def _hint(path: Path) -> str:
-    """Return where the recording of that prefix is, if somebody gave a prefix for a path."""
+    """Return a hint at the recording of that prefix, for a caller who gave a prefix in the place of a path."""
     places = [Path(root) / path for root in DEFAULT_ROOTS if not path.is_absolute() and (Path(root) / path).is_dir()]
     return f"; did you mean {str(places[0])!r}?" if places else ""
 
 
 def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
-    """Sort `bag_10` behind `bag_9`; names whose numbers have one length sort as text does."""
+    """Return a key that sorts `bag_10` behind `bag_9`. Names whose numbers have the same length sort like text."""
     parts = _NUMBER.split(name)
     return [(int(part) if at % 2 else 0, "" if at % 2 else part) for at, part in enumerate(parts)], name
 
 
 def _refuse(place: str, names: Sequence[str], below: Sequence[str]) -> NoReturn:
-    """Raise because a folder is no recording, and say what is one: whoever opened it may have meant one below it."""
+    """Raise MissingRecordingError for a folder without a run. The message names runs that the caller may have meant."""
     if below:
         raise MissingRecordingError(
             errno.ENOENT, f"no recording here, but in the folders below it: {_listed(below)}", place

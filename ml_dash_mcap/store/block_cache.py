@@ -1,4 +1,4 @@
-"""Blocks of objects that were read, kept for the next reader as long as there is room."""
+"""Blocks of objects, kept in memory for the next reader as long as there is room."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections import OrderedDict
 from collections.abc import Iterable, Mapping
 
 BLOCK_BYTES = 64 * 1024
-"""An object's bytes are kept by the block; its last one is shorter."""
+"""The size of a block. The last block of an object may be shorter."""
 
 _Key = tuple[int, int]
-"""Which object, and which of its blocks."""
+"""The number of an object, and that of one of its blocks."""
 
 
 class BlockCache:
-    """The blocks that were used last, no more of them than fit. Any thread may call it."""
+    """The blocks that were used last, up to a number of bytes. Any thread may call it."""
 
     def __init__(self, most_bytes: int) -> None:
         """Begin with nothing.
 
         Args:
-            most_bytes: So much is kept at most.
+            most_bytes: How many bytes are kept at most.
         """
         self._most_bytes = most_bytes
         self._cache_lock = threading.Lock()
@@ -38,7 +38,7 @@ class BlockCache:
             return blocks
 
     def put(self, owner: int, blocks: Mapping[int, bytes]) -> None:
-        """Keep some of an object's blocks, and let go of those whose use is longest ago."""
+        """Keep some of an object's blocks. The blocks whose use is longest ago make room for them."""
         with self._cache_lock:
             for number, block in blocks.items():
                 self._bytes += len(block) - len(self._blocks.pop((owner, number), b""))
@@ -47,7 +47,7 @@ class BlockCache:
                 self._bytes -= len(self._blocks.popitem(last=False)[1])
 
     def forget(self, owner: int) -> None:
-        """Let go of an object's blocks."""
+        """Remove an object's blocks."""
         with self._cache_lock:
             for key in [key for key in self._blocks if key[0] == owner]:
                 self._bytes -= len(self._blocks.pop(key))

@@ -9,23 +9,23 @@ from .store import ByteRange
 
 
 class ByteSource(Protocol):
-    """Where a file's bytes come from; every call says which range it wants."""
+    """Gives the bytes of one file by range. Any thread may call it."""
 
     @property
     def name(self) -> str:
-        """What error messages call it."""
+        """What error messages call the file."""
 
     def size(self) -> int:
-        """Return how many bytes there are now; a file that is being recorded grows."""
+        """Return how many bytes the file has now; one that is being recorded grows."""
 
     def stored_bytes(self) -> int:
-        """Return how many bytes are really stored: of a file with holes, fewer than its size."""
+        """Return how many bytes of storage the file takes: fewer than its size if it has holes."""
 
     def read(self, offset: int, length: int) -> bytes:
         """Return the bytes of [offset, offset + length); fewer only where the file ends before."""
 
     def expect(self, ranges: Sequence[ByteRange]) -> None:
-        """Take note of ranges, each [start, end), that will be read one after another: some may be fetched together."""
+        """Take note of ranges, [start, end), that will be read in this order, so that some are fetched together."""
 
     def beside(self, name: str) -> bytes | None:
         """Return the bytes of another file in the same folder; None if there is none."""

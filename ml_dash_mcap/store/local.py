@@ -25,26 +25,27 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 _PART = re.compile(r"\..*\.[0-9a-f]{32}\.part")
-"""What a file is called until it is whole: a process that dies leaves one that is no object."""
+"""The name of a file until it is whole. A process that dies leaves such a file behind, and lists leave it out."""
 
 _COPIED_BYTES = 1024 * 1024
 
 _LONGEST_STEM = 50
-"""So many letters of an object's name stand in that of its part, which must not be longer than file systems allow."""
+"""So many letters of an object's name begin the name of its part, so that file systems take that one too."""
 
 
 class LocalFolder:
-    """A folder and all below it as a store. `Recording(path)` needs none; this is for code that takes any store.
+    """A folder and the folders below it as a store, for code that takes any store. `Recording(path)` needs no store.
 
-    Files that others put there are objects too, except pipes, devices, links that lead nowhere, and files whose names
-    are not portable (see `safe_paths.object_name`). On Windows, conditions hold between threads, not between processes.
+    Files that other programs put there are objects too, except pipes, devices, links that lead nowhere, and files with
+    names that stores refuse (see `safe_paths.object_name`). On Windows, `put_new` and `replace` keep their promises
+    between the threads of one process only.
     """
 
     def __init__(self, root: str | Path) -> None:
-        """Name the folder; it is made when something is put there."""
+        """Take the folder's path. The folder is made when the first object is put there."""
         self.root = Path(root).expanduser()
         self._turn_lock = threading.Lock()
-        """Guards looking at a version and replacing it, between threads; `_turn` does so between processes."""
+        """Held while a version is compared and replaced; `_turn` locks out other processes as well."""
 
     @property
     def url(self) -> str:
@@ -52,7 +53,7 @@ class LocalFolder:
         return str(self.root)
 
     def path_of(self, name: str) -> Path:
-        """Return where an object is, or would be; "" is the folder itself."""
+        """Return the path that an object has, or would have; that of "" is the folder."""
         return self.root / name
 
     def list(self, prefix: str = "", *, recursive: bool = True) -> Sequence[StoredObject]:
@@ -112,7 +113,7 @@ class LocalFolder:
         return f"LocalFolder({self.url!r})"
 
     def _put(self, name: str, content: Content, check: Callable[[Path], None]) -> str:
-        """Write an object beside its place, and give it its name if `check` does not raise."""
+        """Write a file beside an object's path, and rename it to that path unless `check` raises."""
         path = self.path_of(object_name(name))
         if _PART.fullmatch(path.name):
             raise PrefixError(f"name={name!r} is that of a file that is still being written")
@@ -132,14 +133,14 @@ class LocalFolder:
 
     @contextmanager
     def _turn(self) -> Iterator[None]:
-        """Let nobody else change what has which name meanwhile."""
+        """Keep other threads and processes from putting or removing objects meanwhile."""
         with self._turn_lock:
             if fcntl is None:
                 yield
                 return
             descriptor = os.open(self.root, os.O_RDONLY)
             try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX)  # of the folder itself: a lock file would stay behind
+                fcntl.flock(descriptor, fcntl.LOCK_EX)  # of the folder itself, because a lock file would stay behind
                 yield
             finally:
                 os.close(descriptor)
@@ -171,7 +172,7 @@ def _files(folder: Path, recursive: bool) -> Iterator[Path]:
 
 
 def _write(part: Path, content: Content) -> str:
-    """Write a file, to the disk; returns its version."""
+    """Write a file, make sure that it is on the disk, and return its version."""
     with part.open("xb") as file:
         if isinstance(content, Path):
             with _mapped(content, "copied"), content.open("rb") as source:
@@ -179,9 +180,10 @@ def _write(part: Path, content: Content) -> str:
         else:
             file.write(content)
         file.flush()
-        os.fsync(file.fileno())  # a rename may reach the disk before what it renames
+        os.fsync(file.fileno())  # without it, a rename may reach the disk before the content does
+    # File systems take times from a clock that steps by some ms, so that two versions could share one.
     now_ns = time.time_ns()
-    os.utime(part, ns=(now_ns, now_ns))  # the system's own times go in steps of some ms, which two versions may share
+    os.utime(part, ns=(now_ns, now_ns))
     return _version(part.stat())
 
 

@@ -16,14 +16,14 @@ from .store import ByteRange
 
 
 class LocalFile:
-    """A file on this machine, closed with `close()` or when nobody has it any more. Any thread may read from it.
+    """A file on this machine, closed with `close()` or when its last reference goes. Any thread may read from it.
 
-    Only those that were read last are really open, because a system allows a process some hundreds. One that is not is
-    opened again by its path, and has to be the same file still.
+    Of many files only those that were read last hold a descriptor, because systems allow a process some hundreds. The
+    others are opened again by their paths, and it is an error if another file is there by then.
 
     Attributes:
-        bytes_read: How much was read so far, in bytes, for the tests that hold us to reading little.
-        reads: How many reads that took.
+        bytes_read: How many bytes were read so far. Tests hold reads to what they need.
+        reads: How many calls of the system that took.
     """
 
     def __init__(self, path: str | Path, *, stays_open: bool = False) -> None:
@@ -31,7 +31,7 @@ class LocalFile:
 
         Args:
             path: Where it is.
-            stays_open: Whether it may be renamed, so that it could not be opened again.
+            stays_open: Whether to keep its descriptor, because the file may be renamed and its path lead nowhere.
 
         Raises:
             MissingRecordingError: There is no such file.
@@ -42,12 +42,12 @@ class LocalFile:
         self.bytes_read = 0
         self.reads = 0
         self._position_lock = threading.Lock()
-        """Guards the file's position where the system knows no other way to say where to read."""
+        """Guards the file's position, on systems that have no `pread`."""
         self._is_closed = False
         self._stays_open = stays_open
         self._handle: _Handle | None = _Handle(self.path)
         self._identity = self._handle.identity()
-        _keep(self)
+        _note_use(self)
 
     @property
     def name(self) -> str:
@@ -59,12 +59,12 @@ class LocalFile:
         return self._size(self._opened())
 
     def stored_bytes(self) -> int:
-        """Return how many bytes are really stored: of a file with holes, fewer than its size."""
+        """Return how many bytes the disk holds: fewer than the size if the file has holes."""
         try:
             status = os.fstat(self._opened().descriptor)
         except OSError as error:
             raise self._error(error) from error
-        blocks = getattr(status, "st_blocks", None)  # of 512 bytes each, whatever the file system has; not on Windows
+        blocks = getattr(status, "st_blocks", None)  # of 512 bytes each on all file systems; Windows has no such field
         return status.st_size if blocks is None else min(status.st_size, 512 * blocks)
 
     def expect(self, ranges: Sequence[ByteRange]) -> None:
@@ -76,26 +76,26 @@ class LocalFile:
         return path.read_bytes() if path.is_file() else None
 
     def is_at(self, path: Path) -> bool:
-        """Whether a path leads to this very file, which may have been renamed since it was opened."""
+        """Whether a path leads to this file, which may have been renamed since it was opened."""
         return identity(path) == self._identity
 
     def settle(self, path: Path) -> None:
-        """Take a name that it keeps from now on, so that it can be closed while nobody reads it."""
+        """Take the path that the file keeps from now on, so that its descriptor may be closed between reads."""
         self.path = path
         if self._stays_open:
             self._stays_open = False
             if not self._is_closed:
-                _keep(self)
+                _note_use(self)
 
     def read(self, offset: int, length: int) -> bytes:
         """Return the bytes of [offset, offset + length); fewer only where the file ends before.
 
         Raises:
-            DamagedFileError: The disk has lost them.
+            DamagedFileError: The disk cannot read them any more.
             StorageError: They cannot be read for another reason.
         """
         handle = self._opened()
-        length = min(length, self._size(handle) - offset)  # both may be whatever a damaged file says
+        length = min(length, self._size(handle) - offset)  # both may be any number: damaged files name such ranges
         parts: list[bytes] = []
         while length > 0:
             part = self._read_once(handle, offset, length)
@@ -129,7 +129,7 @@ class LocalFile:
         return part
 
     def _opened(self) -> _Handle:
-        """Return the open file; who has that can read, whatever happens to this object meanwhile."""
+        """Return the descriptor, opened again if need be. It stays valid for its holder, whoever closes this object."""
         if self._is_closed:
             raise StorageError(errno.EBADF, "cannot be read: it was closed", str(self.path))
         handle = self._handle
@@ -138,11 +138,11 @@ class LocalFile:
             if handle.identity() != self._identity:
                 raise StorageError(errno.ESTALE, "is another file than when it was opened", str(self.path))
             self._handle = handle
-        _keep(self)
+        _note_use(self)
         return handle
 
     def rest(self) -> None:
-        """Close the file until it is read again."""
+        """Let go of the descriptor until the file is read again."""
         self._handle = None
 
     def _error(self, error: OSError) -> StorageError:
@@ -155,37 +155,37 @@ class LocalFile:
 
 
 def identity(path: Path) -> tuple[int, int] | None:
-    """Return what tells a file from all others, whatever it is called; None if there is none."""
+    """Return the device and the inode of a file, which no other file has; None if there is no file."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    return found.st_dev, found.st_ino
+    return status.st_dev, status.st_ino
 
 
-_HOW = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NONBLOCK", 0)
-"""Without waiting: a named pipe would wait for somebody to write."""
+_OPEN_FLAGS = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NONBLOCK", 0)
+"""`O_NONBLOCK`: opening a named pipe would wait until somebody writes into it."""
 
 
 class _Handle:
-    """An open file, closed when nobody has it any more."""
+    """The descriptor of an open file, closed when its last reference goes."""
 
     __slots__ = ("descriptor",)
 
     def __init__(self, path: Path) -> None:
         self.descriptor = -1
         try:
-            self.descriptor = os.open(path, _HOW)
-            kind = os.fstat(self.descriptor).st_mode
+            self.descriptor = os.open(path, _OPEN_FLAGS)
+            mode = os.fstat(self.descriptor).st_mode
         except FileNotFoundError as error:
             raise MissingRecordingError(error.errno, "no such file", str(path)) from error
         except OSError as error:
             raise StorageError(error.errno, f"cannot be opened: {error.strerror}", str(path)) from error
-        if not stat.S_ISREG(kind):
+        if not stat.S_ISREG(mode):
             raise DamagedFileError(path, 0, "this is no file that can be read: it is a folder, a pipe or a device")
 
     def identity(self) -> tuple[int, int]:
-        """Return what tells this file from all others, whatever it is called."""
+        """Return the device and the inode of the file."""
         status = os.fstat(self.descriptor)
         return status.st_dev, status.st_ino
 
@@ -195,13 +195,14 @@ class _Handle:
 
 
 _OPEN: OrderedDict[int, weakref.ref[LocalFile]] = OrderedDict()
+"""The files that hold a descriptor, those that were used last at the end."""
 _MOST_OPEN = 128
 _open_lock = threading.Lock()
 """Guards `_OPEN`."""
 
 
-def _keep(file: LocalFile) -> None:
-    """Note that a file was used, and close the one whose use is longest ago if there are too many."""
+def _note_use(file: LocalFile) -> None:
+    """Note that a file was used. If too many are open, the one whose use is longest ago lets go of its descriptor."""
     if file._stays_open:
         return
     with _open_lock:

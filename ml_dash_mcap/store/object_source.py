@@ -14,7 +14,7 @@ _blocks = BlockCache(64 * 1024 * 1024)
 """Shared by all objects that are open, so that a recording of a thousand files is bounded too."""
 
 _AHEAD_BYTES = 8 * 1024 * 1024
-"""So much is fetched together of what is expected: one wait for the network instead of one a range."""
+"""How many bytes of expected ranges are fetched together: one wait for the network instead of one for each range."""
 
 _numbers = count()
 
@@ -22,8 +22,9 @@ _numbers = count()
 class ObjectSource:
     """One version of an object as a `ByteSource`. Any thread may read from it.
 
-    A read shorter than a block fetches the blocks that hold it. The first one fetches the object's first block and its
-    last 64 KiB along: the header and the summary of most MCAP files. Longer reads fetch exactly what they want.
+    A read shorter than a block fetches the blocks that hold it. The first read also fetches the object's first block
+    and its last 64 KiB, in which most MCAP files have their header and their summary. A longer read, or one that was
+    announced by `expect`, fetches exactly its range.
     """
 
     def __init__(self, store: Store, stored: StoredObject) -> None:
@@ -36,7 +37,7 @@ class ObjectSource:
         self._store = store
         self._stored = stored
         self._owner, self._ahead = next(_numbers), next(_numbers)
-        """What its blocks are kept under, and what was fetched ahead, by where it starts."""
+        """The keys in the cache of its blocks, and of the ranges that were fetched ahead."""
         self._expected: Sequence[ByteRange] = ()
         self._is_primed = False
         self._is_closed = False
@@ -91,11 +92,11 @@ class ObjectSource:
         self.read(0, 1)
 
     def expect(self, ranges: Sequence[ByteRange]) -> None:
-        """Take note of ranges that will be read one after another; the first one fetches some of the next along."""
+        """Take note of ranges that will be read in this order. Reading one fetches some of the following ones too."""
         self._expected = tuple(ranges)
 
     def _exactly(self, start: int, end: int) -> bytes:
-        """Return the bytes of a range, fetched ahead or now, and then with those that are expected behind it."""
+        """Return the bytes of a range, and fetch them with the next expected ranges if they were not fetched ahead."""
         data = _blocks.get(self._ahead, [start]).get(start, b"")
         if len(data) == end - start:
             return data
@@ -107,7 +108,7 @@ class ObjectSource:
         return fetched[0]
 
     def _kept(self, numbers: Sequence[int]) -> dict[int, bytes]:
-        """Return blocks by their numbers, after fetching those that are not kept."""
+        """Return blocks by their numbers. Those that are not in the cache are fetched."""
         blocks = _blocks.get(self._owner, numbers)
         missing = {number for number in numbers if number not in blocks}
         if not missing:
@@ -123,7 +124,7 @@ class ObjectSource:
         return blocks | new
 
     def close(self) -> None:
-        """Let go of what was read. May be called twice."""
+        """Remove its blocks from the cache. May be called twice."""
         self._is_closed = True
         _blocks.forget(self._owner)
         _blocks.forget(self._ahead)
@@ -135,7 +136,7 @@ def _range(number: int) -> ByteRange:
 
 
 def _first_of(ranges: Sequence[ByteRange], most_bytes: int) -> Sequence[ByteRange]:
-    """Return the first ranges, as many as have no more bytes."""
+    """Return the first of some ranges, as many as have `most_bytes` together."""
     total, number = 0, 0
     for start, end in ranges:
         total += end - start

@@ -1,4 +1,4 @@
-"""The stores of the package obstore (memory, S3, Google Cloud, Azure) as stores of ours: the extra `s3`."""
+"""The stores of the package obstore (memory, S3, Google Cloud, Azure), which is the extra `s3`."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ if TYPE_CHECKING:
     from obstore.store import ObjectStore as AnyObstore
 
 GAP_BYTES = 1024 * 1024
-"""Ranges that lie at most this far apart are one request, in bytes: a request costs more than these bytes."""
+"""Ranges at most so far apart are fetched by one request, in bytes: waiting for a second one would take longer."""
 
 _MOST_REQUESTS = 8
-"""So many go on at once."""
+"""So many requests of one call go on at once."""
 
 
 class ObjectStore:
-    """A store of obstore's.
+    """A store of obstore.
 
-    Conditions (`put_new`, `replace`) are the server's own, and so are versions: its entity tags.
+    The server itself checks the conditions of `put_new` and `replace`. Versions are its entity tags.
 
     Example:
         >>> from obstore.store import MemoryStore
@@ -48,10 +48,10 @@ class ObjectStore:
     """
 
     def __init__(self, store: AnyObstore, *, url: str | None = None) -> None:
-        """Take a store of obstore's, as `obstore.store.from_url` makes it.
+        """Take a store of obstore, as `obstore.store.from_url` makes it.
 
         Args:
-            store: It keeps the credentials and the settings of retries.
+            store: It holds the credentials and says how often a request is tried.
             url: What error messages call it; the name of its class by default.
         """
         self._store = store
@@ -78,11 +78,11 @@ class ObjectStore:
             return _stored(self._store.head(name))
 
     def read_ranges(self, stored: StoredObject, ranges: Sequence[ByteRange]) -> Sequence[bytes]:
-        """Return the bytes of several ranges, which are fetched side by side; see `Store.read_ranges`."""
+        """Return the bytes of several ranges, fetched at the same time; see `Store.read_ranges`."""
         object_name(stored.name)
         clipped = [(start, max(start, min(end, stored.size))) for start, end in ranges]
         requests = coalesced(clipped, GAP_BYTES)
-        parts = dict(zip(requests, _side_by_side(lambda one: self._read(stored, *one), requests), strict=True))
+        parts = dict(zip(requests, _side_by_side(lambda request: self._read(stored, *request), requests), strict=True))
         return [cut(parts, start, end) for start, end in clipped]
 
     def put(self, name: str, content: Content) -> str:
@@ -99,7 +99,10 @@ class ObjectStore:
 
     def delete(self, name: str) -> None:
         """Remove an object; see `Store.delete`."""
-        with self._mapped(object_name(name)), suppress(FileNotFoundError):  # some stores raise it, others do not
+        with (
+            self._mapped(object_name(name)),
+            suppress(FileNotFoundError),
+        ):  # only some stores raise it for a missing object
             self._store.delete(name)
 
     def __repr__(self) -> str:
@@ -110,7 +113,9 @@ class ObjectStore:
         try:
             with self._mapped(name):
                 result = self._store.put(name, content, mode=mode)
-        except MissingObjectError as error:  # of the content: where an object is put, none needs to be
+        except (
+            MissingObjectError
+        ) as error:  # obstore cannot mean the object, which need not be there: it means the file
             raise StorageError(errno.ENOENT, "cannot be copied: no such file", str(content)) from error
         return result["e_tag"] or ""
 
@@ -143,7 +148,7 @@ def _stored(meta: ObjectMeta) -> StoredObject:
 
 
 def _side_by_side(fetch: Callable[[ByteRange], bytes], requests: Sequence[ByteRange]) -> Sequence[bytes]:
-    """Return what each request fetches; threads of their own wait for them, as nothing else here waits."""
+    """Return what each request fetches. Each waits for the network on a thread of its own."""
     if len(requests) < 2:
         return [fetch(request) for request in requests]
     with ThreadPoolExecutor(min(len(requests), _MOST_REQUESTS), "ml_dash_mcap store") as threads:
@@ -151,5 +156,5 @@ def _side_by_side(fetch: Callable[[ByteRange], bytes], requests: Sequence[ByteRa
 
 
 def _first_line(error: BaseError) -> str:
-    """Return what obstore says, without the dump of Rust's structures behind it."""
+    """Return the message of an error, without the dump of Rust's structures that obstore appends."""
     return str(error).partition("\n")[0]

@@ -1,4 +1,4 @@
-"""Work done a little ahead of who asks for it, on all cores."""
+"""Work that threads do a little ahead of the caller who asks for its results."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ Result = TypeVar("Result")
 
 _WORKERS = min(os.cpu_count() or 1, 8)
 _AHEAD = 2
-"""How many results wait for each worker: one it has finished and one it works on."""
+"""How many items each worker holds: one that it has finished, and one that it works on."""
 
 _MOST_BYTES = 128 * 1024 * 1024
-"""What is worked on, or waits for who asked for it, weighs no more than this, or is one item."""
+"""All items that are worked on or wait for the caller take no more memory than this, unless it is a single item."""
 
 
 def in_order(
@@ -25,11 +25,12 @@ def in_order(
 ) -> Iterator[Result]:
     """Yield `work(item)` for each item, in their order, while threads work on the next few.
 
-    What a call raises comes out in its place. One item alone is worked on by the caller.
+    An exception of a call is raised in the place of its result. A single item is worked on by the caller's thread.
 
     Args:
-        work: Lets other threads run for most of its time; called on several threads, and calls nothing of this module.
-        items: Taken on the caller's thread, a few ahead.
+        work: Called on several threads. It should release the interpreter's lock for most of its time, and must not
+            call this function, because all threads could then wait for each other.
+        items: Iterated over on the caller's thread, a few items ahead.
         weigh: Returns how much memory an item takes while it is worked on, in bytes; None if that is little.
     """
     items = iter(items)
@@ -56,7 +57,7 @@ def in_order(
 
 
 _shared: ThreadPoolExecutor | None = None
-"""Threads take longer to start than a window takes to read, so they stay."""
+"""The threads stay, because starting them takes longer than reading a window."""
 
 
 def _pool() -> ThreadPoolExecutor:
@@ -67,7 +68,7 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def _forget() -> None:
-    """A forked child has none of the threads."""
+    """Start threads anew in a forked child, which has none of its parent's."""
     global _shared
     _shared = None
 

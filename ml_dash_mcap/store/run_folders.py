@@ -1,4 +1,4 @@
-"""Folders of runs, told by the names of the files in them."""
+"""Which folders hold a run: the names of the files in them tell."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from itertools import islice
 from pathlib import Path
 
 from ..file_names import ACTIVE_SUFFIX, DEFAULT_ROOTS, SEGMENT_SUFFIX, SESSION_GLOB
-from .store import StoredObject
+from .store import Store, StoredObject
 
 
 def is_segment(name: str) -> bool:
-    """Whether a file's name is that of an MCAP file, finished or in progress; hidden files are none."""
+    """Whether a file's name is that of an MCAP file, finished or in progress. Hidden files are not counted."""
     return name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX) and not name.startswith(".")
 
 
 def holds_run(names: Iterable[str]) -> bool:
-    """Whether files with these names make a run: MCAP files, or what a recorder keeps before it writes one."""
+    """Whether a folder with these files holds a run: an MCAP file, or the session file of a recorder."""
     return any(is_segment(name) or is_session(name) for name in names)
 
 
 def is_session(name: str) -> bool:
-    """Whether a file's name is that of what a recorder keeps while it records."""
+    """Whether a file's name is that of a session file, which a recorder keeps while it records."""
     return fnmatch(name, SESSION_GLOB)
 
 
@@ -44,20 +44,22 @@ def runs_below(root: Path, *, depth: int | None = None, most: int | None = None)
             yield Path(folder)
 
 
-def runs_in(listed: Iterable[StoredObject]) -> Iterator[tuple[str, list[StoredObject]]]:
-    """Yield the folders of a store that hold a run, sorted by name, each with what lies in it.
+def runs_in(store: Store, root: str) -> Iterator[tuple[str, list[StoredObject]]]:
+    """Yield the folders of a store that hold a run, sorted by name, each with the objects that lie in it.
 
     Hidden folders are left out as `runs_below` leaves them out.
 
     Args:
-        listed: What the store lists, all below a folder.
+        store: Where to look.
+        root: The name of the folder where to begin, hidden or not; "" is the whole store.
     """
     by_folder: dict[str, list[StoredObject]] = {}
-    for stored in listed:
+    for stored in store.list(root):
         by_folder.setdefault(stored.name.rpartition("/")[0], []).append(stored)
     for folder in sorted(by_folder, key=lambda folder: folder.split("/")):
         inside = by_folder[folder]
-        is_searched = not folder or all(map(_is_searched, folder.split("/")))
+        below = folder.removeprefix(root).strip("/")
+        is_searched = not below or all(map(_is_searched, below.split("/")))
         if is_searched and holds_run(stored.name.rpartition("/")[2] for stored in inside):
             yield folder, inside
 

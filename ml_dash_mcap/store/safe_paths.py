@@ -1,4 +1,4 @@
-"""Names that become folders and files, checked so that none leaves its root."""
+"""Paths and names that callers give, checked so that none leaves its root folder or store."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _DRIVE = re.compile(r"[A-Za-z]:")
 
 
 def place(given: object, what: str) -> Path:
-    """Return a path that a user gave, `~` being their home.
+    """Return a path that a caller gives, with `~` replaced by the user's home.
 
     Args:
         given: Text or a path.
-        what: What it is, for the error message: "path", "dest", ...
+        what: The name of the argument, for the error message: "path", "dest", ...
 
     Raises:
-        UsageError: It is neither.
+        UsageError: It is neither text nor a path.
     """
     if not isinstance(given, (str, os.PathLike)):
         raise UsageError(f"{what}={given!r} is of type {type(given).__name__}; pass a path, as text or a Path")
@@ -45,11 +45,11 @@ def run_folder(root: str | os.PathLike[str], prefix: str) -> Path:
 
 
 def components(name: str, what: str) -> list[str]:
-    """Split a name at its slashes into the folder and file names that it stands for, checking each.
+    """Split a name at its slashes into the names of folders and files, and check each.
 
     Args:
         name: Relative, with `/` between its parts on every system.
-        what: What the name is, for the error message: "prefix", "file name", ...
+        what: What the name names, for the error message: "prefix", "file name", ...
 
     Raises:
         PrefixError: See `run_folder`.
@@ -63,20 +63,22 @@ def components(name: str, what: str) -> list[str]:
         raise PrefixError(f"{what}={name!r} is an absolute path; pass one that is relative to its root folder")
     parts = name.split("/")
     for part in parts:
-        trouble = _trouble(part)
-        if trouble:
-            raise PrefixError(f"{what}={name!r} {trouble}")
+        fault = _fault(part)
+        if fault:
+            raise PrefixError(f"{what}={name!r} {fault}")
     return parts
 
 
 def object_name(name: str) -> str:
-    """Return the name of an object in a store, checked: relative, `/` between its parts, no part that leads upwards.
+    """Check the name of an object in a store, and return it.
+
+    It is relative, has `/` between its parts on every system, and no part that leads upwards.
 
     Args:
         name: Such as "alice/run-1/20260101T000000Z_000001.mcap".
 
     Raises:
-        PrefixError: No file system or object store takes it, or it would leave the store.
+        PrefixError: It would leave the store, or some file system or object store refuses such a name.
         UsageError: It is not text.
     """
     components(name, "name")
@@ -87,12 +89,12 @@ def object_name(name: str) -> str:
 
 
 def folder_name(prefix: str) -> str:
-    """Return the name of a folder in a store, checked as `object_name` does; "" is the whole store."""
+    """Check the name of a folder in a store as `object_name` does, and return it; "" is the whole store."""
     return "" if prefix == "" else object_name(prefix)
 
 
-def _trouble(part: str) -> str:
-    """What keeps one part of a name from being a folder's or file's name; empty if nothing does."""
+def _fault(part: str) -> str:
+    """Return why one part of a name cannot name a folder or file, in words; empty if it can."""
     if not part:
         return "has an empty part; put one slash between its parts, none at the end"
     if part in (".", ".."):

@@ -1,4 +1,4 @@
-"""An exclusive lock on a session file: held while its recorder lives, gone when its process is."""
+"""The exclusive lock on a session file, by which others see whether its recorder lives."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ except ImportError:  # Windows
 
 
 class SessionLock:
-    """The lock of one recorder session. The operating system drops it when the process ends, however it ends."""
+    """The lock of one recorder's session file. The system releases it when the process ends, however that happens."""
 
     def __init__(self, path: Path, descriptor: int) -> None:
         self.path = path
@@ -31,7 +31,7 @@ class SessionLock:
 
     @classmethod
     def seize(cls, path: Path) -> SessionLock | None:
-        """Take over the lock of a dead recorder; None while the recorder lives or where the file cannot be locked."""
+        """Take over the lock of a dead recorder; None if the recorder lives, or if the file cannot be locked."""
         try:
             lock = cls(path, os.open(path, os.O_RDWR | getattr(os, "O_CLOEXEC", 0)))
         except OSError:
@@ -41,7 +41,7 @@ class SessionLock:
         except OSError:
             lock.release()
             return None
-        if not path.exists():  # another one was faster, finished the work and removed it
+        if not path.exists():  # another process took it over first, finished the recovery and removed the file
             lock.release()
             return None
         return lock
@@ -65,24 +65,24 @@ class SessionLock:
 
     @property
     def inode(self) -> int:
-        """The number of the session file, which a copy of it does not share."""
+        """The inode of the session file: a copy of the file has another one."""
         assert self._descriptor is not None
         return os.fstat(self._descriptor).st_ino
 
     def write(self, content: bytes) -> None:
-        """Replace what the session file says."""
+        """Replace the content of the session file."""
         assert self._descriptor is not None
         os.ftruncate(self._descriptor, 0)
         os.lseek(self._descriptor, 0, os.SEEK_SET)
         os.write(self._descriptor, content)
 
     def release(self) -> None:
-        """Let go of the lock and keep the file. May be called twice."""
+        """Release the lock and keep the file. May be called twice."""
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
 
     def remove(self) -> None:
-        """Delete the session file and let go of its lock."""
+        """Delete the session file and release its lock."""
         self.path.unlink(missing_ok=True)
         self.release()

@@ -271,6 +271,7 @@ class RecordingLaws:
                 local.start, local.end, local.topics, local.files, local.bytes,
             )  # fmt: skip
         assert [entry.path.as_posix() for entry in recordings("lab/a", store=stored)] == ["lab/a/second"]
+        assert [entry.path.as_posix() for entry in recordings("lab/.hidden", store=stored)] == ["lab/.hidden"]
 
     # -- exports -------------------------------------------------------------------------------------------------------
 
