@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from ml_dash_mcap import Recording
-from tests.corpus.programs import EXPORTS, PROGRAMS, rows_of
+from tests.corpus.programs import EXPORTS, OLDER, PROGRAMS, rows_of
 from tests.support.records import Opcode, Record
 from tests.support.sections import cut
 
@@ -41,7 +41,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", [*PROGRAMS, *EXPORTS])
+@pytest.mark.parametrize("name", [*PROGRAMS, *EXPORTS, *OLDER])
 def test_a_file_of_an_earlier_release_gives_the_rows_that_it_gave_then(name: str, tmp_path: Path) -> None:
     place = tmp_path / name
     (shutil.copytree if (CORPUS / name).is_dir() else shutil.copy)(CORPUS / name, place)

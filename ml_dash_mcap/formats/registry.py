@@ -181,7 +181,7 @@ _BUILT_IN = (
         read_options="tables.table_options:ParquetReadOptions",
         write="tables.parquet.write:export",
         write_options="tables.table_options:ParquetWriteOptions",
-        render="tables.parquet.file_bytes:render",
+        render="tables.parquet.write:render",
         contents=r"[^/]+\.parquet",
     ),
     Format(

@@ -19,7 +19,7 @@ from ..codecs.ros.channel_columns import ChannelColumns
 from ..codecs.ros.message_decoder import MessageDecoder
 from ..file_names import KIND_KEY, TRACK
 from ..rows import zero_copy
-from ..rows.dotted import FIELD_PREFIX, flatten, project
+from ..rows.dotted import FIELD_PREFIX, flatten, is_wanted, project
 from ..rows.encode import TIME_KEY
 from ..rows.table import Block, block_of, join
 from ..rows.typed_columns import Column
@@ -187,15 +187,11 @@ class _Reading:
             if name == TIME_KEY or name.startswith(TIME_KEY + "."):
                 return None
             taken = name == self._time_name
-            if self._is_wanted(FIELD_PREFIX + name if taken else name):
+            if is_wanted(FIELD_PREFIX + name if taken else name, self._columns):
                 named[FIELD_PREFIX + name if taken else name] = Column(array)
         if len(named) < len(flat) and self._columns is None:
             return None
         return _Parsed(pieces, times, Block(len(times), {self._time_name: Column(zero_copy.to_arrow(times)), **named}))
-
-    def _is_wanted(self, name: str) -> bool:
-        columns = self._columns
-        return columns is None or any(name == column or name.startswith(column + ".") for column in columns)
 
     def _decoded(self, pieces: list[_Piece]) -> _Parsed:
         by_column = self._unpacked(pieces)

@@ -31,6 +31,11 @@ def check_columns(columns: Iterable[str] | None) -> list[str] | None:
     return names or None
 
 
+def is_wanted(name: str, columns: Iterable[str] | None) -> bool:
+    """Whether a dotted name is one of those asked for or lies inside one; None asks for all."""
+    return columns is None or any(name == column or name.startswith(column + ".") for column in columns)
+
+
 def flatten(row: Mapping[str, Any], time_name: str) -> Row:
     """Return a row with dotted names for what lies in nested dicts, and its time first.
 
@@ -41,6 +46,8 @@ def flatten(row: Mapping[str, Any], time_name: str) -> Row:
         row: Fields as they were given, and `_ts`.
         time_name: What to call the time stamp, such as "timestamp".
     """
+    if time_name == TIME_KEY and dict not in map(type, row.values()):
+        return {TIME_KEY: row[TIME_KEY], **row}
     if time_name not in row and dict not in map(type, row.values()):
         flat: Row = {time_name: row[TIME_KEY], **row}
         del flat[TIME_KEY]

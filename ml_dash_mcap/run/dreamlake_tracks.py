@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, overload
 
 from ..capture.channels import ChannelInfo
 from ..errors import RangeError
-from ..formats.writers import render
 from ..rows.result_dicts import BytesFormat, Page, Take, TimePage
 from ..topic import Topic, TopicContext
 from ..topic_reader import Columns, Json, Seconds
 from . import pages
+from .track_formats import render_track
 from .tracks import BoundTopic
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ class SessionTrack(BoundTopic):
         if format == "json":
             most = DEFAULT_LIMIT if limit is None else limit
             return pages.page(self._readback.part(self.name, **part).rows(), start_index, most, self._readback.begun_s)
-        return render(self._readback.part(self.name, **part, start_index=start_index, limit=limit), format)
+        return render_track(self._readback.part(self.name, **part, start_index=start_index, limit=limit), format)
 
     def read_by_time(
         self,

@@ -10,13 +10,13 @@ from typing import Any, Generic, Literal, TypeVar, overload
 from ..capture.topic_registry import TopicAbout
 from ..errors import EntryNotFoundError, FieldError, RangeError
 from ..file_names import TRACK
-from ..formats.writers import render
 from ..meaning.annotations import NOTHING_SAID, collect
 from ..recorder import Recorder, open_topic
 from ..rows.result_dicts import BytesFormat, Entries, Take
 from ..topic import Topic, check_topic
 from ..topic_reader import Columns, Json, Seconds
 from .readback import Readback
+from .track_formats import render_track
 
 Entry = dict[str, Any]
 """A row under flat, dotted names, its time stamp (s) under `timestamp`."""
@@ -111,7 +111,7 @@ class Track(BoundTopic):
             RangeError: A time is no number, or the end lies before the start.
             StateError: The run has ended; `Recording(path)` reads it.
         """
-        return render(self._readback.part(self.name, start_timestamp, end_timestamp, columns), format)
+        return render_track(self._readback.part(self.name, start_timestamp, end_timestamp, columns), format)
 
     def list_entries(self) -> list[Entry]:
         """Return all rows, as `read()["entries"]`."""

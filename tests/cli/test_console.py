@@ -90,7 +90,7 @@ def test_a_pipe_that_closes_early_is_quiet(run: Path) -> None:
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=ENVIRONMENT) as process:
         assert process.stdout is not None
         assert process.stderr is not None
-        assert process.stdout.readline().startswith(b'{"timestamp":0.0')
+        assert process.stdout.readline().startswith(b'{"_ts":0.0')
         process.stdout.close()
         assert process.stderr.read() == b""
         assert process.wait(60) == 0

@@ -98,7 +98,7 @@ EXPORTS: dict[str, tuple[str, dict[str, Any]]] = {
     "bag1.bag": ("rosbag1", {}),
     "robot.parquet": ("parquet", {"topics": ["robot"]}),
     "robot.csv": ("csv", {"topics": ["robot"]}),
-    "robot.jsonl": ("jsonl", {"topics": ["robot"]}),
+    "lines.jsonl": ("jsonl", {"topics": ["robot"]}),
     "take.csv": ("mocap", {"topics": ["pose/left"]}),
     "robot.sto": ("sto", {"topics": ["robot"], "end": 0.9}),
     "pose.trc": ("trc", {"topics": ["pose/left"]}),
@@ -107,6 +107,9 @@ EXPORTS: dict[str, tuple[str, dict[str, Any]]] = {
     "pose.c3d": ("c3d", {"topics": ["pose/left"]}),
 }
 """Name of a file that the recording `values-zstd` is exported to, its format and its options."""
+
+OLDER = ("robot.jsonl",)
+"""Files whose format has changed since: lines of JSON called the time stamp `timestamp` before."""
 
 
 def main(folder: Path) -> None:

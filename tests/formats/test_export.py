@@ -198,9 +198,9 @@ def test_a_recording_without_topics_is_an_empty_export(tmp_path: Path, format: s
 @pytest.mark.parametrize(
     ("arguments", "written"),
     [
-        ({}, b"".join(b'{"timestamp":%.1f,"n":%d}\n' % (step / 10, step) for step in range(20))),
-        ({"start": 1.8}, b'{"timestamp":1.8,"n":18}\n{"timestamp":1.9,"n":19}\n'),
-        ({"start_index": 3, "limit": 1}, b'{"timestamp":0.3,"n":3}\n'),
+        ({}, b"".join(b'{"_ts":%.1f,"n":%d}\n' % (step / 10, step) for step in range(20))),
+        ({"start": 1.8}, b'{"_ts":1.8,"n":18}\n{"_ts":1.9,"n":19}\n'),
+        ({"start_index": 3, "limit": 1}, b'{"_ts":0.3,"n":3}\n'),
         ({"format": "csv", "start": 0.5, "end": 0.6}, b"_ts,n\n0.5,5\n0.6,6\n"),
         ({"format": "csv", "start_index": 19}, b"_ts,n\n1.9,19\n"),
     ],

@@ -10,8 +10,11 @@ import pytest
 from mcap.reader import make_reader
 
 from ml_dash_mcap.formats import registry
+from ml_dash_mcap.formats.tables.parquet import file_bytes
+from ml_dash_mcap.query.topic_part import TopicPart
 from ml_dash_mcap.recorder import Recorder
-from ml_dash_mcap.recording import Recording
+from ml_dash_mcap.recording import Recording, stored_topic
+from ml_dash_mcap.rows.dotted import flatten
 from ml_dash_mcap.rows.json_text import restore
 from tests.support.files import payload, save
 from tests.support.rules import problems
@@ -67,12 +70,24 @@ def test_jsonl_is_strict_json_a_row_a_line_and_loses_nothing(recording):
     lines = recording["robot"].read(format="jsonl").split(b"\n")
     parsed = [json.loads(line, parse_constant=refuse) for line in lines]
     assert parsed[1]["q"] == [1.5, None]
-    assert list(parsed[0]) == ["timestamp", "q", "time", "fields.timestamp", "late"]
-    assert repr([restore(row) for row in parsed]) == repr(recording["robot"].read()["entries"])
+    assert list(parsed[0]) == ["_ts", "q", "time", "timestamp", "late"]
+    assert repr([restore(row) for row in parsed]) == repr([flatten(row, "_ts") for row in recording["robot"].rows()])
 
 
-def test_parquet_is_compressed_and_has_the_time_first(recording):
+def test_parquet_is_the_file_that_is_exported(recording, tmp_path):
     data = recording["robot"].read(format="parquet")
+    recording.export(tmp_path / "robot.parquet", topics=["robot"])
+    assert data == (tmp_path / "robot.parquet").read_bytes()
+
+
+def test_parquet_has_the_columns_that_are_asked_for(recording):
+    table = pq.read_table(io.BytesIO(recording["robot"].read(0.5, columns=["cam", "q"], format="parquet")))
+    assert table.column_names == ["_ts", "timestamp_ns", "cam", "q"]
+    assert table.column("cam").to_pylist() == [None, {"pos": [1, 2]}, None]
+
+
+def test_parquet_of_a_track_is_compressed_and_has_the_time_first(recording):
+    data = file_bytes.render(TopicPart(stored_topic(recording, "robot")))
     table = pq.read_table(io.BytesIO(data))
     assert table.column_names[0] == "timestamp"
     assert set(table.column_names[1:]) == {"q", "time", "fields.timestamp", "late", "img", "none", "cam.pos"}

@@ -40,7 +40,7 @@ def test_text_with_lone_surrogates_comes_back_from_columns_and_lines(tmp_path: P
         assert [row["a"] for row in reader.rows()] == ["\ud800x", "y"]
         assert reader.to_arrow().column("a").to_pylist() == ['"\\ud800x"', '"y"']
         assert reader.to_numpy()["a"].tolist() == ["\ud800x", "y"]
-        assert reader.read(format="jsonl") == b'{"timestamp":1.0,"a":"\\ud800x"}\n{"timestamp":1.25,"a":"y"}'
+        assert reader.read(format="jsonl") == b'{"_ts":1.0,"a":"\\ud800x"}\n{"_ts":1.25,"a":"y"}'
         recording.export(tmp_path / "csv", format="csv")
     (csv,) = (tmp_path / "csv").rglob("*.csv")
     assert csv.read_text().splitlines() == ["_ts,a", "1.0,\\ud800x", "1.25,y"]

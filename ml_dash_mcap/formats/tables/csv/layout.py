@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from ....inspect.topics import TopicInfo
 from ....rows import element_columns
-from ....rows.dotted import free_names
+from ....rows.dotted import free_names, is_wanted
 from ....rows.element_columns import Lengths
 from ....rows.encode import TIME_KEY, encodable
 from ....rows.shape import NOTHING, Shape
@@ -28,9 +28,7 @@ class CsvLayout:
             info: The topic.
             columns: Dotted names of those wanted; None for all.
         """
-        self._shapes: dict[str, Shape] = {
-            name: values for name, values in _expected(info) if columns is None or _is_wanted(name, columns)
-        }
+        self._shapes: dict[str, Shape] = {name: values for name, values in _expected(info) if is_wanted(name, columns)}
 
     def add(self, block: Block) -> None:
         """Make room for the values of a block."""
@@ -80,10 +78,6 @@ def _expected(info: TopicInfo) -> Iterator[tuple[str, Shape]]:
         values = field.least_shape()
         if values is not None:
             yield encodable(name), values
-
-
-def _is_wanted(name: str, columns: Sequence[str]) -> bool:
-    return any(name == column or name.startswith(column + ".") for column in columns)
 
 
 def _spread(column: Column, lengths: Lengths) -> list[pa.Array]:

@@ -37,8 +37,9 @@ _SAMPLE = 1000
 def record(src: Path, recorder: Recorder, options: TableReadOptions, progress: Progress | None) -> None:
     """Append files of JSON lines, one topic a file and one object a row.
 
-    Dotted names are those of nested dicts if the first key is `timestamp`, as in files of `export(format="jsonl")`, and
-    the side key `_exact` says which nulls were NaN and which text was bytes.
+    Dotted names are those of nested dicts if the first key is `_ts`, as in files of `export(format="jsonl")`, or
+    `timestamp`, as in those of earlier versions and in what `read(format="jsonl")` of a track returns. The side
+    key `_exact` then says which nulls were NaN and which text was bytes.
 
     Args:
         src: A file, or a folder of such.
@@ -65,7 +66,8 @@ class _LinesFile:
 
     def __init__(self, path: Path, recorder: Recorder, options: TableReadOptions) -> None:
         self._path, self._recorder, self._options = path, recorder, options
-        self._is_ours = False
+        self._own_time: str | None = None
+        """The key of the time stamp in a file of ours; None for those of others."""
         self._left_out = 0
 
     def run(self, counter: TableProgress) -> None:
@@ -79,7 +81,7 @@ class _LinesFile:
             if row is None:
                 continue
             if not waiting and topic is None:
-                self._is_ours = _is_ours(text)
+                self._own_time = _own_time(text)
             waiting.append((line, row))
             size += len(text)
             if size >= _BATCH_BYTES or (topic is None and len(waiting) >= _SAMPLE):
@@ -132,18 +134,20 @@ class _LinesFile:
     def _open(self, sample: list[dict[str, Any]]) -> Topic:
         options = self._options
         has_dicts = any(isinstance(one, dict) and one for row in sample for key, one in row.items() if key != EXACT_KEY)
-        self._is_ours = self._is_ours and options.time_column in (None, TIME_NAME) and not has_dicts
+        if has_dicts or options.time_column not in (None, self._own_time):
+            self._own_time = None
+        is_ours = self._own_time is not None
         self._time = table_times.find(
             self._path,
             _schema(sample),
             lambda name: _range(sample, name),
-            time_column=options.time_column,
-            time_unit=options.time_unit or ("s" if self._is_ours else None),
+            time_column=options.time_column or self._own_time,
+            time_unit=options.time_unit or ("s" if is_ours else None),
             units={},
         )
-        name = table_files.topic_name(self._path, is_ours=self._is_ours)
-        said = None if self._is_ours else {"source": self._path.name, "time_column": self._time.name}
-        return open_topic(self._recorder, options.topic or name, MESSAGE, Topic, TopicAbout(metadata=said))
+        name = table_files.topic_name(self._path, is_ours=is_ours)
+        metadata = None if is_ours else {"source": self._path.name, "time_column": self._time.name}
+        return open_topic(self._recorder, options.topic or name, MESSAGE, Topic, TopicAbout(metadata=metadata))
 
     def _append(self, topic: Topic, numbered: list[tuple[int, dict[str, Any]]]) -> None:
         rows = [row for _, row in numbered]
@@ -169,8 +173,8 @@ class _LinesFile:
         """Return a row's fields, without its time where `_ts` says the same."""
         if not keeps:
             row = {name: value for name, value in row.items() if name != self._time.name}
-        if self._is_ours:
-            return _nested(restore(row))
+        if self._own_time is not None:
+            return _nested(restore(row), self._own_time)
         if TIME_KEY in row or EXACT_KEY in row:
             return {FIELD_PREFIX + name if name in (TIME_KEY, EXACT_KEY) else name: one for name, one in row.items()}
         return row
@@ -183,9 +187,13 @@ class _LinesFile:
         return table_times.seconds(self._path, texts, self._time)
 
 
-def _is_ours(text: bytes) -> bool:
-    """Whether a file's first line is spelt as `formats.tables.jsonl.text` does."""
-    return text.startswith(b'{"%b":' % TIME_NAME.encode()) and text[13:14].isdigit()
+def _own_time(text: bytes) -> str | None:
+    """Return the first key of a file's first line, if it is spelt as `formats.tables.jsonl.text` does."""
+    for name in (TIME_KEY, TIME_NAME):
+        start = b'{"%b":' % name.encode()
+        if text.startswith(start) and text[len(start) : len(start) + 1].isdigit():
+            return name
+    return None
 
 
 def _loads(text: bytes) -> Any:
@@ -217,12 +225,12 @@ def _range(sample: list[dict[str, Any]], name: str) -> tuple[Any, Any]:
     return (min(values), max(values)) if values else (None, None)
 
 
-def _nested(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row whose dotted names are dicts again."""
+def _nested(row: dict[str, Any], time_name: str) -> dict[str, Any]:
+    """Return a row whose dotted names are dicts again, and whose field of the name of the time has it again."""
     nested: dict[str, Any] = {}
     for name, value in row.items():
         plain = name.removeprefix(FIELD_PREFIX)
-        if name.startswith(FIELD_PREFIX) and plain == TIME_NAME:
+        if name.startswith(FIELD_PREFIX) and plain == time_name:
             nested[plain] = value
             continue
         parts = tuple(name.split("."))

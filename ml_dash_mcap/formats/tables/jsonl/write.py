@@ -7,10 +7,10 @@ from typing import BinaryIO
 
 from ....inspect.topics import TopicInfo
 from ....query.topic_part import TopicPart
+from ....rows.encode import TIME_KEY
 from ... import per_topic
 from ...export_job import Job, RowCounter
 from ...registry import NoOptions
-from ..row_entries import TIME_NAME
 from . import text as jsonl
 
 SUFFIX = ".jsonl"
@@ -30,14 +30,14 @@ def export(job: Job, options: NoOptions) -> Path:
 
 def stream(part: TopicPart, info: TopicInfo, out: BinaryIO) -> None:
     """Write one topic's lines to an open file or pipe."""
-    for row in part.flat_rows(TIME_NAME):
+    for row in part.flat_rows(TIME_KEY):
         out.write(jsonl.line(row) + b"\n")
 
 
 def _write(part: TopicPart, info: TopicInfo, path: Path, counter: RowCounter) -> None:
     with path.open("wb") as file:
         done = 0
-        for row in part.flat_rows(TIME_NAME):
+        for row in part.flat_rows(TIME_KEY):
             file.write(jsonl.line(row) + b"\n")
             done += 1
             if done % _COUNTED_ROWS == 0:

@@ -1,4 +1,4 @@
-"""Rows as a Parquet file."""
+"""Rows as the Parquet file that ml-dash's `read` returns."""
 
 from __future__ import annotations
 

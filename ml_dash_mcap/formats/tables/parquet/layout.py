@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 import orjson
@@ -11,7 +11,7 @@ import pyarrow as pa
 from .... import clock
 from ....inspect.topics import TopicInfo
 from ....rows.arrow_types import element_type, stored_type, type_of, vector_lengths
-from ....rows.dotted import FIELD_PREFIX, flatten, free_names
+from ....rows.dotted import FIELD_PREFIX, flatten, free_names, is_wanted
 from ....rows.encode import TIME_KEY, encodable
 from ....rows.shape import NOTHING, ONLY_NULL, Shape
 from ....rows.table import Block
@@ -26,15 +26,16 @@ Make = Callable[[pa.Array], pa.Array]
 class ParquetLayout:
     """A topic's columns, learnt block by block; by it, blocks become tables of one schema."""
 
-    def __init__(self, info: TopicInfo, *, flat: bool) -> None:
+    def __init__(self, info: TopicInfo, columns: Sequence[str] | None = None, *, flat: bool) -> None:
         """Begin with what the topic's schema says.
 
         Args:
             info: The topic.
+            columns: Dotted names of those wanted; None for all.
             flat: Whether vectors are a column an element, and nested fields columns with dotted names.
         """
         self._flat = flat
-        self._shapes = dict(_expected(info))
+        self._shapes = {name: values for name, values in _expected(info) if is_wanted(name, columns)}
         self._literal = {name for name in properties_of(info.schema) if "." in name}
         units = info.metadata.get("units")
         self._units = flatten({**units, TIME_KEY: "s"}, TIME_KEY) if isinstance(units, Mapping) else {}

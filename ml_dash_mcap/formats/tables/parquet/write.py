@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ....file_names import ABOUT_RECORD
+from ....inspect import run_metadata, topics
 from ....inspect.topics import TopicInfo
 from ....query.file import File
 from ....query.topic_part import TopicPart
@@ -44,26 +45,54 @@ def export(job: Job, options: ParquetWriteOptions) -> Path:
     """
 
     def put(part: TopicPart, info: TopicInfo, path: Path, counter: RowCounter) -> None:
-        _write(part, info, path, _about(job, info, is_flat=options.flatten), counter)
+        _write(part, info, lambda: path, options, counter.add)
 
     return per_topic.write(job, SUFFIX, put)
 
 
-def _write(part: TopicPart, info: TopicInfo, path: Path, about: TableAbout, counter: RowCounter) -> None:
-    layout = ParquetLayout(info, flat=about.is_flat)
-    metadata = {ABOUT_KEY: about.to_json()}
+def render(part: TopicPart) -> bytes:
+    """Return the bytes of the file that `export` writes."""
+    begun: list[pa.BufferOutputStream] = []
+
+    def begin() -> pa.BufferOutputStream:
+        begun.append(pa.BufferOutputStream())
+        return begun[-1]
+
+    _write(part, topics.info(part.stored), begin, ParquetWriteOptions(), lambda rows: None)
+    data: bytes = begun[-1].getvalue().to_pybytes()
+    return data
+
+
+def _write(
+    part: TopicPart,
+    info: TopicInfo,
+    target: Callable[[], Any],
+    options: ParquetWriteOptions,
+    count: Callable[[int], None],
+) -> None:
+    """Write a file.
+
+    Args:
+        part: The rows.
+        info: Of the topic.
+        target: Returns where to write it, anew for each pass over the rows.
+        options: How to write it.
+        count: Told how many rows more are done.
+    """
+    layout = ParquetLayout(info, part.columns, flat=options.flatten)
+    metadata = {ABOUT_KEY: _about(part.stored.files, info, is_flat=options.flatten).to_json()}
 
     @contextlib.contextmanager
     def begin() -> Iterator[Callable[[Block], None]]:
         schema = layout.schema().with_metadata(metadata)
         how: dict[str, Any] = {"use_dictionary": _texts(schema), "sorting_columns": [pq.SortingColumn(0)]}
-        with pq.ParquetWriter(path, schema, compression="zstd", write_page_checksum=True, **how) as writer:
+        with pq.ParquetWriter(target(), schema, compression="zstd", write_page_checksum=True, **how) as writer:
             groups = _Groups(writer)
             table = layout.tables()
             yield lambda block: groups.add(table(block))
             groups.finish()
 
-    write_passes.write(part.blocks, layout, begin, counter.add)
+    write_passes.write(part.blocks, layout, begin, count)
 
 
 class _Groups:
@@ -113,7 +142,7 @@ def _texts(fields: Iterable[pa.Field], parent: str = "") -> list[str]:
     return found
 
 
-def _about(job: Job, info: TopicInfo, *, is_flat: bool) -> TableAbout:
+def _about(files: Sequence[File], info: TopicInfo, *, is_flat: bool) -> TableAbout:
     return TableAbout(
         topic=info.name,
         kind=info.kind,
@@ -124,8 +153,8 @@ def _about(job: Job, info: TopicInfo, *, is_flat: bool) -> TableAbout:
         description=info.description,
         tags=info.tags,
         metadata=info.metadata,
-        run=job.about,
-        source=_source(job.files[-1]) if job.files else {},
+        run={**run_metadata.run(files), "params": run_metadata.parameters(files)},
+        source=_source(files[-1]) if files else {},
     )
 
 
