@@ -16,7 +16,7 @@ from .query.file import File
 from .query.stored_topic import StoredTopic
 from .query.topic_part import Row, TopicPart
 from .query.topic_rows import check_index, check_range
-from .rows.dotted import check_columns
+from .rows.field_choice import check_columns
 from .rows.result_dicts import BytesFormat, Entries, Take
 from .selection import Selection
 

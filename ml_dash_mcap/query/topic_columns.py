@@ -19,8 +19,9 @@ from ..codecs.ros.channel_columns import ChannelColumns
 from ..codecs.ros.message_decoder import MessageDecoder
 from ..file_names import KIND_KEY, TRACK
 from ..rows import zero_copy
-from ..rows.dotted import FIELD_PREFIX, flatten, is_wanted, project
+from ..rows.dotted import FIELD_PREFIX, flatten
 from ..rows.encode import TIME_KEY
+from ..rows.field_choice import is_wanted, project
 from ..rows.table import Block, block_of, join
 from ..rows.typed_columns import Column
 from ..store import read_ahead

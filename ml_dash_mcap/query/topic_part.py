@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from ..rows.dotted import flatten, project
+from ..rows.dotted import flatten
 from ..rows.encode import TIME_KEY
+from ..rows.field_choice import project
 from . import row_positions, topic_rows
 from .stored_topic import StoredTopic
 

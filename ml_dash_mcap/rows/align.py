@@ -16,6 +16,7 @@ import pyarrow.compute as pc
 from ..errors import AlignmentError
 from . import interpolate, numpy_columns, typed_columns
 from .align_methods import LINEAR, NEAREST, PREVIOUS, SLERP, Choice, Methods
+from .dotted import free_name
 from .encode import TIME_KEY
 from .typed_columns import ENCODING_KEY
 
@@ -84,7 +85,7 @@ def align(
     for topic, table in tables.items():
         near = None if topic == own else _Near.of(times, _times_of(table), tolerance_s)
         for field, column in zip(list(table.schema)[1:], table.columns[1:], strict=True):
-            name = _free(f"{topic}.{field.name}", columns)
+            name = free_name(f"{topic}.{field.name}", columns)
             choice = methods.of(topic, field.name)
             aligned, is_same_kind = _apply(near, column, choice, name, is_text=ENCODING_KEY in (field.metadata or {}))
             columns[name] = aligned
@@ -96,14 +97,6 @@ def align(
 def _times_of(table: pa.Table) -> Floats:
     times: Floats = table.column(0).to_numpy()
     return times
-
-
-def _free(name: str, taken: Mapping[str, Any]) -> str:
-    free, number = name, 1
-    while free in taken:
-        number += 1
-        free = f"{name}#{number}"
-    return free
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from ..query.topic_part import TopicPart
 from ..query.topic_rows import check_range
 from ..recorder import Recorder
 from ..recording import Recording, stored_topic
-from ..rows.dotted import check_columns
+from ..rows.field_choice import check_columns
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.codecs.json_lines import LineReader, joined
-from ml_dash_mcap.rows.dotted import flatten, project
+from ml_dash_mcap.rows.dotted import flatten
+from ml_dash_mcap.rows.field_choice import project
 from ml_dash_mcap.rows.table import Block, block_of, to_table
 from ml_dash_mcap.rows.typed_columns import Column, values_of
 from tests.support.examples import examples

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ...rows.dotted import flatten, project
+from ...rows.dotted import flatten
 from ...rows.encode import TIME_KEY
+from ...rows.field_choice import project
 from . import arrow_columns
 from .message_types import Definitions
 

@@ -3,7 +3,8 @@
 import pytest
 
 from ml_dash_mcap.errors import UsageError
-from ml_dash_mcap.rows.dotted import check_columns, flatten, project
+from ml_dash_mcap.rows.dotted import flatten
+from ml_dash_mcap.rows.field_choice import check_columns, project
 
 ROW = {"q": [1, 2], "cam": {"pos": [0], "lens": {"f": 35}}, "a.b": 1, "_ts": 0.5}
 
