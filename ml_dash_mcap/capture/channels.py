@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from ..codecs import json
+from ..codecs import decode, json
 from ..codecs.codec import Codec
+from ..codecs.encoded_channel import Decoder
 from ..file_names import KIND_KEY
 from ..mcap.records import CHANNEL, SCHEMA, Channel, Schema
+from ..rows.shape import Shape
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +50,25 @@ class ChannelInfo:
             return self.schema or b""
         return self.codec.schema(None, self.topic)
 
+    def channel(self) -> Channel:
+        """Return the channel as it is in a file."""
+        metadata = {KIND_KEY: self.kind, **self.metadata}
+        return Channel(self.number, self.number, self.topic, self.message_encoding, metadata)
+
     def channel_record(self) -> bytes:
         """Return the Channel record."""
-        metadata = {KIND_KEY: self.kind, **self.metadata}
-        return CHANNEL.pack(Channel(self.number, self.number, self.topic, self.message_encoding, metadata))
+        return CHANNEL.pack(self.channel())
 
     def schema_record(self, schema: bytes) -> bytes:
         """Return the Schema record of a schema in the channel's schema encoding."""
         return SCHEMA.pack(Schema(self.number, self.schema_name or self.topic, self.schema_encoding, schema))
+
+    def decoder(self, shape: Shape | None) -> Decoder:
+        """Return what makes rows of the channel's payloads.
+
+        Args:
+            shape: What its rows look like, where the schema is inferred from that.
+        """
+        schema = self.codec.schema(shape, self.topic) if self.is_inferred and self.codec else self.schema or b""
+        name = self.schema_name or self.topic
+        return decode.decoder(self.channel(), Schema(self.number, name, self.schema_encoding, schema))

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import orjson
 
+from ..codecs.encoded_channel import Decoder
 from ..mcap.records import Metadata
 from ..mcap.row_arrays import Rows
-from ..rows.json_text import restore
 from ..rows.shape import Shape
 from .channels import ChannelInfo
 from .event_clock import UNKNOWN_CLOCK
@@ -28,10 +27,12 @@ class BlockMessage(NamedTuple):
     """How many rows the topic has before it in this session."""
     payload: bytes
     """The row as it is in the file."""
+    decode: Decoder
+    """Makes rows of the channel's payloads."""
 
     def row(self) -> dict[str, Any]:
         """Decode the row; its time stamp is the field `_ts`, in seconds."""
-        return restore(orjson.loads(self.payload))
+        return self.decode(self.payload) or {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +78,12 @@ class PreparedBlock:
         rows = self.rows
         if rows is None:
             return
+        decoders = {number: channel.decoder(self.shapes.get(number)) for number, channel in self.channels.items()}
         heads = zip(
             rows.channels.tolist(), rows.times.tolist(), rows.sequences(np.arange(len(rows))).tolist(), strict=True
         )
         for row, (number, time_ns, sequence) in enumerate(heads):
-            yield BlockMessage(self.channels[number], time_ns, sequence, rows.payload(row))
+            yield BlockMessage(self.channels[number], time_ns, sequence, rows.payload(row), decoders[number])
 
     def detached(self) -> PreparedBlock:
         """Return a copy with memory of its own."""
