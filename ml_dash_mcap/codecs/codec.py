@@ -102,10 +102,11 @@ class MessageCodec(Protocol):
         """Return rows of payloads of which nothing but the syntax is to be read; None where something else is."""
         return None
 
-    def column_reader(self, columns: Sequence[str] | None) -> ColumnReader | None:
+    def column_reader(self, decoder: Callable[[], Decoder], columns: Sequence[str] | None) -> ColumnReader | None:
         """Return what makes columns of a channel's messages; None if all go through rows.
 
         Args:
+            decoder: Returns what makes rows of them.
             columns: Dotted names of those that will be wanted; None for all. Others may come back with them.
         """
         return None

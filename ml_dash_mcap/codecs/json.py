@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import orjson
@@ -102,7 +102,7 @@ class JsonCodec(Codec):
             return None
         return rows if {*map(type, rows)} == {dict} and not any(EXACT_KEY in row for row in rows) else None
 
-    def column_reader(self, columns: Sequence[str] | None) -> ColumnReader:
+    def column_reader(self, decoder: Callable[[], Decoder], columns: Sequence[str] | None) -> ColumnReader:
         """Return what has pyarrow read the rows."""
         from .json_columns import JsonColumnReader  # pyarrow, which only readers of columns wait for
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 from . import ros_channel
-from .codec import MessageCodec
+from .codec import ColumnReader, MessageCodec
 from .encoded_channel import Decoder, EncodedChannel
 
 
@@ -14,6 +16,12 @@ class Ros1Codec(MessageCodec):
         """Return what makes rows of a channel's messages."""
         is_described = ros_channel.is_described(channel.schema, ("ros1msg",))
         return ros_channel.decoder(channel, is_ros1=True) if is_described else None
+
+    def column_reader(self, decoder: Callable[[], Decoder], columns: Sequence[str] | None) -> ColumnReader:
+        """Return what reads messages field by field."""
+        from .ros_columns import RosColumnReader  # pyarrow, which only readers of columns wait for
+
+        return RosColumnReader(decoder, columns)
 
 
 CODEC = Ros1Codec()

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -98,7 +99,8 @@ class _Reading:
         key = rows.key_of(cut.origin)
         if key not in self._readers:
             codec = codec_of(cut.origin.channel)
-            self._readers[key] = None if codec is None else codec.column_reader(None)
+            decoder = partial(rows.decoder_of, cut.origin, self._decoders)
+            self._readers[key] = None if codec is None else codec.column_reader(decoder, None)
         return self._readers[key]
 
     def block(self, parts: list[_Part], low: float, high: float) -> Block | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,8 +16,6 @@ from .. import clock
 from ..codecs.codec import ColumnReader, Columns
 from ..codecs.decode import codec_of
 from ..codecs.encoded_channel import Decoder, Row
-from ..codecs.ros.channel_columns import ChannelColumns
-from ..codecs.ros.message_decoder import MessageDecoder
 from ..file_names import KIND_KEY, TRACK
 from ..rows import zero_copy
 from ..rows.dotted import FIELD_PREFIX, flatten
@@ -167,7 +166,8 @@ class _Reading:
         """Return what makes columns of a channel's messages; None if all go through Python objects."""
         if key not in self._readers:
             codec = codec_of(origin.channel)
-            self._readers[key] = None if codec is None else codec.column_reader(self._columns)
+            decoder = partial(topic_rows.decoder_of, origin, self._decoders)
+            self._readers[key] = None if codec is None else codec.column_reader(decoder, self._columns)
         return self._readers[key]
 
     def _mixed(self, columns: Columns, pieces: list[_Piece]) -> list[_Parsed]:
@@ -195,9 +195,6 @@ class _Reading:
         return _Parsed(pieces, times, Block(len(times), {self._time_name: Column(zero_copy.to_arrow(times)), **named}))
 
     def _decoded(self, pieces: list[_Piece]) -> _Parsed:
-        by_column = self._unpacked(pieces)
-        if by_column is not None:
-            return by_column
         found: list[Row] = []
         kept: list[_Piece] = []
         for piece in pieces:
@@ -206,24 +203,6 @@ class _Reading:
             kept.append(piece if len(present) == len(decoded) else piece.pick(present))
             found += [row for row in decoded if row is not None]
         return _Parsed(kept, np.array([row[TIME_KEY] for row in found], np.float64), self._of_rows(found))
-
-    def _unpacked(self, pieces: list[_Piece]) -> _Parsed | None:
-        """Read ROS messages of one channel field by field; None where they have to be read one by one."""
-        key, origin = topic_rows.key_of(pieces[0].origin), pieces[0].origin
-        if key not in self._decoders:
-            self._decoders[key] = topic_rows._decoder(origin)
-        decode = self._decoders[key]
-        if not isinstance(decode, MessageDecoder):
-            return None
-        reader = ChannelColumns(
-            decode.definitions, is_ros1=decode.is_ros1, columns=self._columns, time_name=self._time_name
-        )
-        flat = reader.read([payload for piece in pieces for payload in piece.payloads])
-        if flat is None:
-            return None
-        times = _times(None, np.concatenate([piece.times_ns for piece in pieces]))
-        columns = {name: Column(array) for name, array in {self._time_name: zero_copy.to_arrow(times), **flat}.items()}
-        return _Parsed(pieces, times, Block(len(times), columns))
 
     def _of_rows(self, nested: list[Row]) -> Block:
         columns = self._columns

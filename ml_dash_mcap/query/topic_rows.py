@@ -161,10 +161,7 @@ def decode(
         DamagedFileError: A payload is not in the encoding that its channel announces.
         EncodingError: The messages cannot be decoded, and that is to be an error.
     """
-    key = key_of(origin)
-    decode_one = decoders.get(key)
-    if decode_one is None:
-        decode_one = decoders[key] = _decoder(origin)
+    decode_one = decoder_of(origin, decoders)
     codec = codec_of(origin.channel)
     for start in range(0, len(payloads), _AT_ONCE):
         some, their_ns = payloads[start : start + _AT_ONCE], times_ns[start : start + _AT_ONCE]
@@ -202,10 +199,14 @@ def _one_by_one(
         yield row
 
 
-def _decoder(origin: Origin) -> Decoder:
-    """Return what decodes a channel's messages."""
-    file, channel = origin.file, origin.channel
-    return decoder(channel, file.index.schema_of(channel), file.decoding, lambda: file.likely_distribution(channel))
+def decoder_of(origin: Origin, decoders: dict[tuple[str, int], Decoder]) -> Decoder:
+    """Return what decodes a channel's messages; it is made once, and remembered in `decoders`."""
+    key = key_of(origin)
+    if key not in decoders:
+        file, channel = origin.file, origin.channel
+        schema = file.index.schema_of(channel)
+        decoders[key] = decoder(channel, schema, file.decoding, lambda: file.likely_distribution(channel))
+    return decoders[key]
 
 
 def _lose(origin: Origin, payload: bytes, time_ns: int, error: Exception) -> None:

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ml_dash_mcap.codecs.ros.channel_columns import ChannelColumns
-from ml_dash_mcap.codecs.ros.message_decoder import decoder, definition
-from ml_dash_mcap.codecs.ros.message_types import Definitions
+from ml_dash_mcap.codecs.ros.message_decoder import MessageDecoder, decoder
+from ml_dash_mcap.codecs.ros_columns import RosColumnReader
 from ml_dash_mcap.rows.dotted import flatten
 from ml_dash_mcap.rows.table import Block, Column, block_of
 from tests.support import ros_messages
@@ -27,9 +26,9 @@ def cases(draw: st.DrawFn, least: int = 1) -> tuple[ros_messages.Messages, list[
     return messages, draw(st.lists(ros_messages.rows(messages), min_size=1, max_size=12))
 
 
-def columns_of(described: Definitions, payloads: list[bytes], *, is_ros1: bool = False) -> Block | None:
-    columns = ChannelColumns(described, is_ros1=is_ros1, columns=None).read(payloads)
-    return None if columns is None else Block(len(payloads), {name: Column(array) for name, array in columns.items()})
+def columns_of(decode: MessageDecoder, payloads: list[bytes]) -> Block | None:
+    columns = RosColumnReader(lambda: decode, None).read(payloads)
+    return columns and Block(len(payloads), {name: Column(array) for name, array in columns.arrays.items()})
 
 
 def columns_of_rows(rows: list[dict[str, Any]]) -> Block:
@@ -58,8 +57,8 @@ def test_columns_of_cdr_are_those_of_its_rows(case, is_little) -> None:
         )
         for row in rows
     ]
-    described = definition("pkg/msg/Outer", "ros2msg", ros_messages.text(messages))
-    assert_same(columns_of(described, payloads), columns_of_rows(rows))
+    decode = decoder("pkg/msg/Outer", "ros2msg", ros_messages.text(messages))
+    assert_same(columns_of(decode, payloads), columns_of_rows(rows))
 
 
 @MANY
@@ -70,8 +69,8 @@ def test_columns_of_ros_1_are_those_of_its_rows(case) -> None:
     payloads = [
         bytes(store.serialize_ros1(ros_messages.instance(store, messages, row), "pkg/msg/Outer")) for row in rows
     ]
-    described = definition("pkg/Outer", "ros1msg", ros_messages.text(messages))
-    assert_same(columns_of(described, payloads, is_ros1=True), columns_of_rows(rows))
+    decode = decoder("pkg/Outer", "ros1msg", ros_messages.text(messages), is_ros1=True)
+    assert_same(columns_of(decode, payloads), columns_of_rows(rows))
 
 
 @MANY
@@ -89,7 +88,7 @@ def test_bytes_that_are_no_such_message_are_refused_or_say_what_their_rows_say(c
         broken[data.draw(st.integers(0, len(broken) - 1))] = data.draw(st.integers(0, 255))
     cut = data.draw(st.integers(0, 4))
     payloads[which] = bytes(broken[: len(broken) - cut])
-    columns = columns_of(definition("pkg/msg/Outer", "ros2msg", text), payloads)
+    columns = columns_of(decoder("pkg/msg/Outer", "ros2msg", text), payloads)
     if columns is None:
         return
     decode = decoder("pkg/msg/Outer", "ros2msg", text)
@@ -129,11 +128,11 @@ def test_items_of_a_fixed_size_lie_where_alignment_puts_them(length: int, first:
         message = store.types["pkg/msg/Outer"](**firsts, x=items, last=number)
         payloads.append(bytes(store.serialize_cdr(message, "pkg/msg/Outer")))
         rows.append({**firsts, "x": values, "last": number})
-    assert_same(columns_of(definition("pkg/msg/Outer", "ros2msg", text), payloads), columns_of_rows(rows))
+    assert_same(columns_of(decoder("pkg/msg/Outer", "ros2msg", text), payloads), columns_of_rows(rows))
 
 
 def in_columns(text: str, payloads: list[bytes]) -> Block | None:
-    return columns_of(definition("pkg/msg/Outer", "ros2msg", text), payloads)
+    return columns_of(decoder("pkg/msg/Outer", "ros2msg", text), payloads)
 
 
 def chained(depth: int) -> str:
