@@ -10,6 +10,10 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.typesys import Stores, get_typestore
+from ruamel.yaml import YAML
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording, convert, recordings
 from ml_dash_mcap.errors import (
@@ -297,6 +301,24 @@ class RecordingLaws:
             rec.export(tmp_path / "bag", format="rosbag2", topics=["event"])
         assert pq.read_table(tmp_path / "event.parquet").num_rows == EVENTS
         assert read(stored, "lab/event.parquet") == (tmp_path / "event.parquet").read_bytes()
+
+    def test_a_bag_in_a_store_goes_out_as_the_bag_in_its_folder_does(self, store: Store, tmp_path: Path) -> None:
+        bag, types = tmp_path / "bag", get_typestore(Stores.ROS2_JAZZY)
+        writer = Ros2Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP)
+        with writer:
+            numbers = writer.add_connection("/numbers", "std_msgs/msg/Int32", typestore=types)
+            message = types.types["std_msgs/msg/Int32"](7)
+            writer.write(numbers, 1_700_000_000_000_000_001, types.serialize_cdr(message, "std_msgs/msg/Int32"))
+        yaml = YAML(typ="safe")
+        metadata = yaml.load(bag / "metadata.yaml")
+        metadata["rosbag2_bagfile_information"]["custom_data"] = {"site": "lab"}  # which is not in the MCAP file
+        yaml.dump(metadata, bag / "metadata.yaml")
+        upload(store, bag, "bag")
+        with Recording(bag) as local, Recording("bag", store=store) as rec:
+            outs = [one.export(tmp_path / name / "out", format="rosbag2") for one, name in ((local, "a"), (rec, "b"))]
+        texts = [(out / "metadata.yaml").read_text(encoding="utf-8") for out in outs]
+        assert "site" in texts[0]
+        assert texts[0] == texts[1]
 
     def test_what_is_there_stays_unless_it_may_be_replaced(self, stored: Store) -> None:
         stored.put("out/all/mine.txt", b"kept")
