@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .capture.sink import SessionInfo, Sink
     from .capture.stats import SinkStats, Stats
     from .catalog import CatalogEntry, recordings
+    from .codecs.codec import Codec
     from .conversion import convert
     from .errors import (
         AlignmentError,
@@ -101,6 +102,7 @@ __all__ = [
     "C3dReadOptions",
     "C3dWriteOptions",
     "CatalogEntry",
+    "Codec",
     "ConversionError",
     "ConversionWarning",
     "CsvReadOptions",
@@ -191,6 +193,7 @@ _HOMES = {
     "SinkStats": "capture.stats",
     "Stats": "capture.stats",
     "CatalogEntry": "catalog",
+    "Codec": "codecs.codec",
     "recordings": "catalog",
     "convert": "conversion",
     "Experiment": "experiment",

@@ -2,48 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any
 
-from . import clock
 from .codecs.decoding import decoding
-from .errors import OptionError, StateError, UsageError
-from .file_names import (
-    FILE_TOPIC,
-    LOG_TOPIC,
-    METRIC_TOPICS,
-    OWN_TOPICS,
-)
+from .errors import OptionError, UsageError
 from .formats import registry
 from .formats.export_job import Job
 from .formats.export_place import Reads, destination, located
 from .formats.registry import Progress
 from .formats.replacing import check_overwrite
 from .formats.writers import export
-from .inspect import episodes, gaps, overview, run_metadata, runs, topics
+from .inspect import gaps, overview
 from .inspect.check import check
-from .inspect.episodes import Episode
 from .inspect.findings import Report
 from .inspect.gaps import Gap
-from .inspect.runs import RunInfo
-from .inspect.topics import TopicInfo
 from .mcap.limits import Limits
-from .mcap.losses import Loss
 from .opening import OpeningOptions, open_recording
-from .query import attachments, counts, topic_rows
-from .query.attachments import Attachments
-from .query.file import File
+from .query import counts
 from .query.lazy_mapping import Lookup
-from .query.stored_topic import StoredTopic
 from .query.topic_rows import check_range
-from .rows.result_dicts import BytesFormat, Entries, Take
+from .recorded_run import RecordedRun
 from .store.store import Store
 from .suggestions import not_found
-from .topic_reader import Columns, Json, Seconds, TopicReader
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -51,7 +35,7 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 
 
-class Recording(Mapping[str, TopicReader]):
+class Recording(RecordedRun):
     """A run's folder, or one MCAP file: finished, cut by a crash, or still being recorded.
 
     It is a mapping from the names of topics, sorted, to their readers. The library's own topics (`ml_dash/...`) are
@@ -118,123 +102,17 @@ class Recording(Mapping[str, TopicReader]):
         if limits is not None and not isinstance(limits, Limits):
             raise UsageError(f"limits={limits!r} is of type {type(limits).__name__}; pass Limits(...)")
         options = OpeningOptions(recover, on_damage == "skip", limits or Limits(), how, bag_options)
-        self._files = open_recording(path, store, options)
-        self._segments = self._files.segments
-        self.path = self._files.paths[0]
-        """What was opened; of several, the first. In a store, a pure path."""
-        self._closed = False
-        self._infos: dict[str, TopicInfo] = {}
+        files = open_recording(path, store, options)
         try:
-            self._run = None if run is None else self._choose(run)
+            super().__init__(files, run)
         except BaseException:
-            self._files.close()
+            files.close()
             raise
 
     @property
     def store(self) -> Store | None:
         """Where the files lie; None on this machine."""
         return self._files.store
-
-    @property
-    def segments(self) -> list[Path]:
-        """The files, in the order of writing; in a store, their names as pure paths."""
-        return [file.path for file in self._opened()]
-
-    @property
-    def finished(self) -> bool:
-        """Whether every file has its end; one that is being recorded, or was cut, has none.
-
-        A run that has just begun, without any file, is not finished either.
-        """
-        files = self._opened()
-        return bool(files) and all(file.index.finished for file in files)
-
-    @property
-    def losses(self) -> list[Loss]:
-        """What was found damaged so far and left out, each loss once, however often it was met.
-
-        A chunk is verified when it is read, so read everything to know all of it. Counts and times of topics are those
-        that the files announce, with what turned out to be lost.
-
-        Example:
-            >>> with Recording("damaged.mcap", on_damage="skip") as rec:
-            ...     rows = list(rec["robot"].rows())
-            ...     rec.losses
-            [Loss(path=PosixPath('damaged.mcap'), offset=4711, what='a chunk whose checksum ...', messages=120)]
-        """
-        self._opened()
-        return self._segments.losses
-
-    @property
-    def topics(self) -> Mapping[str, TopicInfo]:
-        """Topic names, sorted, to what is known about them; each is looked up when it is asked for."""
-        return Lookup("topic", self._topic_names(), self._info, str(self.path))
-
-    def __getitem__(self, topic: str) -> TopicReader:
-        """Return the reader of a topic.
-
-        Raises:
-            NotFoundError: There is no such topic; the message names similar ones. Also a KeyError.
-        """
-        if topic not in self:
-            raise not_found("topic", topic, self._topic_names(), str(self.path))
-        return TopicReader(_View(self._opened, self._info), topic)
-
-    def __iter__(self) -> Iterator[str]:
-        """Yield the names of the topics, sorted."""
-        return iter(self._topic_names())
-
-    def __len__(self) -> int:
-        """How many topics there are, without the library's own."""
-        return len(self._topic_names())
-
-    __eq__ = object.__eq__  # a mapping would compare readers, which are made anew when they are asked for
-    __hash__ = object.__hash__
-
-    def __contains__(self, topic: object) -> bool:
-        """Whether there is such a topic."""
-        if topic in self._channel_names():
-            return True
-        verified = [file.verify() for file in self._opened()]  # a damaged summary may have misspelt it
-        return any(verified) and topic in self._channel_names()
-
-    @overload
-    def read(
-        self, topic: str, start: Seconds = None, end: Seconds = None, columns: Columns = None, format: Json = "json"
-    ) -> Entries: ...
-    @overload
-    def read(
-        self, topic: str, start: Seconds = None, end: Seconds = None, columns: Columns = None, *, format: BytesFormat
-    ) -> bytes: ...
-    @overload
-    def read(
-        self,
-        topic: str,
-        start: Seconds = None,
-        end: Seconds = None,
-        columns: Columns = None,
-        *,
-        format: Literal["mocap"],
-    ) -> Take: ...
-    @overload
-    def read(
-        self, topic: str, start: Seconds = None, end: Seconds = None, columns: Columns = None, format: str = "json"
-    ) -> Any: ...
-    def read(
-        self,
-        topic: str,
-        start: Seconds = None,
-        end: Seconds = None,
-        columns: Columns = None,
-        format: str = "json",
-        **renamed: Any,
-    ) -> Any:
-        """Return a topic's rows: `recording[topic].read(...)`.
-
-        Raises:
-            NotFoundError: There is no such topic or column; also a KeyError.
-        """
-        return self[topic].read(start, end, columns, format, **renamed)
 
     def align(
         self,
@@ -332,84 +210,10 @@ class Recording(Mapping[str, TopicReader]):
             Whether anything was.
         """
         self._opened()
-        changed = self._segments.refresh()
+        changed = self._files.segments.refresh()
         if changed:
             self._infos.clear()
         return changed
-
-    @property
-    def start(self) -> float | None:
-        """Time of the first message on any topic, in s; None without messages."""
-        times = [start_ns for start_ns, _ in run_metadata.spans(self._opened())]
-        return clock.to_seconds(min(times)) if times else None
-
-    @property
-    def end(self) -> float | None:
-        """Time of the last message on any topic, in s; None without messages."""
-        times = [end_ns for _, end_ns in run_metadata.spans(self._opened())]
-        return clock.to_seconds(max(times)) if times else None
-
-    @property
-    def duration(self) -> float:
-        """From the first message to the last, in s."""
-        start, end = self.start, self.end
-        return 0.0 if start is None or end is None else max(end - start, 0.0)
-
-    @property
-    def metadata(self) -> list[tuple[str, dict[str, str]]]:
-        """All metadata records, in the order of writing."""
-        return run_metadata.metadata(self._opened())
-
-    @property
-    def run(self) -> dict[str, str]:
-        """What is known about the run, such as its `status`: what was said last counts."""
-        return run_metadata.run(self._opened())
-
-    @property
-    def runs(self) -> list[RunInfo]:
-        """The runs in it, in the order in which they began: what each opening of a recorder on this folder wrote.
-
-        `Recording(path, run=...)` reads one of them; its `runs` has only that.
-
-        Example:
-            >>> [(run.id, run.status, run.start, run.end) for run in rec.runs]
-            >>> latest = Recording(rec.path, run=-1)
-        """
-        self._opened()
-        found = runs.find(self._segments.all, self._files.is_recorded)
-        return found if self._run is None else [run for run in found if run.id == self._run]
-
-    @property
-    def params(self) -> dict[str, Any]:
-        """The parameters, by dotted name: what was set last counts."""
-        return run_metadata.parameters(self._opened())
-
-    @property
-    def logs(self) -> list[Row]:
-        """The rows of the log, in time order."""
-        return self._rows(LOG_TOPIC)
-
-    @property
-    def metrics(self) -> Mapping[str, list[Row]]:
-        """Metric names, sorted, to their rows; each is read when it is asked for."""
-        topics = [name for name in self._channel_names() if name.startswith(METRIC_TOPICS)]
-        names = sorted(name.removeprefix(METRIC_TOPICS) for name in topics)
-        return Lookup("metric", names, lambda name: self._rows(METRIC_TOPICS + name), str(self.path))
-
-    @property
-    def files(self) -> list[Row]:
-        """What was said about the files that were saved with the run, in time order."""
-        return self._rows(FILE_TOPIC)
-
-    @property
-    def episodes(self) -> list[Episode]:
-        """The episodes, in the order of recording. `rec["robot"].read(episode.start, episode.end)` gives one's rows."""
-        return episodes.read(self._opened())
-
-    @property
-    def attachments(self) -> Attachments:
-        """The files inside it, by name: `rec.attachments["calibration.json"].read()`. The last one of a name counts."""
-        return attachments.find(self._opened())
 
     def export(
         self,
@@ -482,57 +286,3 @@ class Recording(Mapping[str, TopicReader]):
     def _repr_html_(self) -> str:
         """Return the topics as a table, which notebooks show."""
         return escape(repr(self)) if self._closed else overview.table(repr(self), self.topics)
-
-    def _choose(self, run: str | int) -> str:
-        """Read one run only; returns its id."""
-        name = runs.choose(self._segments.all, run)
-        self._segments.choose(lambda file: runs.id_of(file) == name)
-        return name
-
-    def _opened(self) -> list[File]:
-        if self._closed:
-            raise StateError(f"the recording {str(self.path)!r} is closed; open it again to read")
-        return self._segments.files
-
-    def _stored(self, topic: str) -> StoredTopic:
-        return StoredTopic(self._opened, topic)
-
-    def _rows(self, topic: str) -> list[Row]:
-        return list(topic_rows.read(self._stored(topic)))
-
-    def _channel_names(self) -> set[str]:
-        return {topic for file in self._opened() for topic in file.glance.channels_by_topic}
-
-    def _topic_names(self) -> list[str]:
-        return sorted(name for name in self._channel_names() if not name.startswith(OWN_TOPICS))
-
-    def _chosen(self, topics: Iterable[str] | None) -> list[str]:
-        """Return the names that a caller gave, each once and all there; None is all topics of a robot."""
-        if topics is None:
-            return self._topic_names()
-        if isinstance(topics, str):
-            raise UsageError(f"topics={topics!r}: pass a list of topics, such as topics=[{topics!r}]")
-        names = list(dict.fromkeys(topics))
-        for name in names:
-            if name not in self:
-                raise not_found("topic", name, self._topic_names(), str(self.path))
-        return names
-
-    def _info(self, topic: str) -> TopicInfo:
-        known = self._infos.get(topic)
-        if known is None:
-            known = self._infos[topic] = topics.info(self._stored(topic))
-        return known
-
-
-def stored_topic(recording: Recording, topic: str) -> StoredTopic:
-    """Return a topic as a recording's files have it, whether there is one or not."""
-    return StoredTopic(recording._opened, topic)
-
-
-@dataclass(frozen=True, slots=True)
-class _View:
-    """What a topic's reader knows of its recording."""
-
-    files: Callable[[], Sequence[File]]
-    info: Callable[[str], TopicInfo]

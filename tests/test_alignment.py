@@ -152,7 +152,7 @@ def test_a_window_reads_the_window_and_the_row_before_it(rec: Recording) -> None
 
 
 def bytes_read(recording: Recording) -> int:
-    return sum(file.source.bytes_read for file in recording._segments.files)
+    return sum(file.source.bytes_read for file in recording._opened())
 
 
 TIMES = st.one_of(

@@ -330,7 +330,7 @@ def test_a_damaged_chunk_is_told_and_the_others_are_judged(tmp_path: Path) -> No
     record(tmp_path, [i / 10 for i in range(10_000)], chunk_bytes=65536, backlog_bytes=262_144)
     (path,) = tmp_path.glob("*.mcap")
     with Recording(path) as rec:
-        chunk = rec._segments.files[0].index.chunks[2]
+        chunk = rec._opened()[0].index.chunks[2]
     data = bytearray(path.read_bytes())
     data[chunk.offset + chunk.length - 10] ^= 1
     path.write_bytes(data)

@@ -98,7 +98,7 @@ def test_what_is_refused_names_the_limit_and_what_to_pass(tmp_path: Path) -> Non
     for limits in (Limits(any_ratio_bytes=size), Limits(ratio=10**6)):
         with Recording(path, limits=limits) as rec:
             assert [row["n"] for row in rec["/small"].rows()] == [1, 2, 3]
-            assert [len(one.payloads[0]) for one in topic_messages.read(rec._segments.files, "/map", 0, LAST_NS)] == [
+            assert [len(one.payloads[0]) for one in topic_messages.read(rec._opened(), "/map", 0, LAST_NS)] == [
                 len(grid(TOO_LARGE))
             ]
 

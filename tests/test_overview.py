@@ -80,7 +80,7 @@ def test_a_notebook_shows_the_topics_as_a_table_in_which_every_text_is_escaped(r
 def test_a_damaged_file_has_a_line_and_a_table(run: Path) -> None:
     (path,) = run.glob("*.mcap")
     with Recording(run) as rec:
-        chunk = rec._segments.files[0].index.chunks[0]
+        chunk = rec._opened()[0].index.chunks[0]
     data = bytearray(path.read_bytes())
     data[chunk.offset + 60] ^= 1
     path.write_bytes(data)

@@ -13,6 +13,8 @@ import ml_dash_mcap
 from ml_dash_mcap import Recording, Selection, TopicReader, errors, options
 from ml_dash_mcap.formats import registry
 from ml_dash_mcap.formats.registry import NoOptions
+from ml_dash_mcap.recorded_run import RecordedRun
+from ml_dash_mcap.recorded_topics import RecordedTopics
 
 PUBLIC = ml_dash_mcap.__all__
 
@@ -67,7 +69,7 @@ def test_the_options_of_every_format_are_public() -> None:
 def test_everything_that_a_recording_and_its_topics_return_is_public() -> None:
     members = [
         getattr(member, "fget", member)
-        for kind in (Recording, TopicReader, Selection)
+        for kind in (Recording, RecordedRun, RecordedTopics, TopicReader, Selection)
         for name, member in vars(kind).items()
         if not name.startswith("_")
     ]

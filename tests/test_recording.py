@@ -343,7 +343,7 @@ def test_opening_a_long_recording_reads_its_summary_only(tmp_path):
     with Recording(path) as recording:
         assert recording.topics["robot"].count == 500
         assert recording.start == 0.0
-        read = sum(file.source.bytes_read for file in recording._segments.files)
+        read = sum(file.source.bytes_read for file in recording._opened())
         assert read < path.stat().st_size / 10
 
 

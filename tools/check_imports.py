@@ -32,6 +32,8 @@ FLOORS: list[set[str]] = [
     {"selection"},
     {"topic_reader"},
     {"alignment", "opening"},
+    {"recorded_topics"},
+    {"recorded_run"},
     {"recording"},
     {"run", "conversion", "catalog"},
     {"experiment", "session"},

@@ -11,8 +11,9 @@ from typing import Any
 from ..errors import DamagedFileError, MissingRecordingError, StateError
 from ..query.topic_part import TopicPart
 from ..query.topic_rows import check_range
+from ..recorded_topics import stored_topic
 from ..recorder import Recorder
-from ..recording import Recording, stored_topic
+from ..recording import Recording
 from ..rows.field_choice import check_columns
 
 

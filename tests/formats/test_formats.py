@@ -12,8 +12,9 @@ from mcap.reader import make_reader
 from ml_dash_mcap.formats import registry
 from ml_dash_mcap.formats.tables.parquet import file_bytes
 from ml_dash_mcap.query.topic_part import TopicPart
+from ml_dash_mcap.recorded_topics import stored_topic
 from ml_dash_mcap.recorder import Recorder
-from ml_dash_mcap.recording import Recording, stored_topic
+from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.rows.dotted import flatten
 from ml_dash_mcap.rows.json_text import restore
 from tests.support.files import payload, save

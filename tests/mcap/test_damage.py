@@ -61,7 +61,7 @@ def read(path: Path, on_damage: str = "skip") -> tuple[Rows, list[Loss]]:
 
 def chunks_of(path: Path) -> list[Chunk]:
     with Recording(path) as rec:
-        return [chunk for file in rec._segments.files for chunk in file.index.chunks]
+        return [chunk for file in rec._opened() for chunk in file.index.chunks]
 
 
 def times_of(rows: Rows) -> list[float]:
@@ -357,7 +357,7 @@ def test_messages_of_a_schema_that_cannot_be_used_are_bytes_and_no_loss(tmp_path
 def test_a_damaged_metadata_record_is_lost_and_no_other(tmp_path):
     path = save(tmp_path / "run.mcap", CHUNKS, metadata=[("a", {"x": "1"}), ("b", {"x": "2"})])
     with Recording(path) as rec:
-        [first, _] = rec._segments.files[0].index.metadata
+        [first, _] = rec._opened()[0].index.metadata
     garble(path, first.offset)
     with Recording(path, on_damage="skip") as rec:
         assert rec.metadata == [("b", {"x": "2"})]

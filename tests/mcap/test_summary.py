@@ -176,7 +176,7 @@ def long_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def bytes_read(rec: Recording) -> int:
-    return sum(file.source.bytes_read for file in rec._segments.files)  # type: ignore[attr-defined]
+    return sum(file.source.bytes_read for file in rec._opened())  # type: ignore[attr-defined]
 
 
 def test_a_long_file_opens_without_its_chunk_indexes(long_file):
@@ -220,7 +220,7 @@ def test_a_long_file_whose_index_turns_out_to_be_damaged_is_walked(long_file, tm
         with Recording(path, on_damage=on_damage) as rec:
             assert bytes_read(rec) < 10_000  # nobody knows yet
             assert [row["q"] for row in rec["robot"].rows(1e-3, 1.002e-3)] == [1000, 1001, 1002]
-            [file] = rec._segments.files
+            [file] = rec._opened()
             assert [chunk.offset for chunk in file.index.chunks] == [chunk.offset for chunk in expected.chunks]
             assert dict(file.index.message_counts) == dict(expected.message_counts)
             assert rec.losses == []

@@ -389,7 +389,7 @@ def test_a_window_of_a_file_without_lies_reads_the_chunks_that_it_needs(tmp_path
         data += bundle([Message(1, number * STEP, text, number * STEP, number)])
     path = Draft(data).summarise().save(tmp_path / "a.mcap")
     with Recording(path) as rec:
-        [file] = rec._segments.files
+        [file] = rec._opened()
         before = file.source.bytes_read
         assert len(list(rec["a"].rows(0.05, 0.055))) == 1
         assert file.source.bytes_read - before < 2 * len(text)

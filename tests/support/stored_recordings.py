@@ -170,7 +170,7 @@ class RecordingLaws:
         with Recording("lab/demo", store=counting) as rec:
             counting.asked.clear()
             assert len(list(rec["event"].rows())) == EVENTS
-        assert len(counting.asked) == len(rec._segments.all)
+        assert len(counting.asked) == len(rec._files.segments.all)
         assert sum(map(len, counting.asked)) > EVENTS // 2
         assert counting.bytes() < sum(stored.size for stored in store.list()) / 5
 
