@@ -7,9 +7,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ..rows import zero_copy
+from ..rows.shape import EXACT_INTEGER
 from ..rows.typed_columns import tight
-
-_EXACT_INTEGERS = 2.0**53
 
 
 def flatten(table: pa.Table, *, are_own: bool) -> dict[str, pa.Array] | None:
@@ -56,7 +55,7 @@ def _is_exact(array: pa.Array, are_own: bool) -> bool:
 def _is_safe(array: pa.Array) -> bool:
     """Whether no value can have been an integer that a double rounds."""
     values = zero_copy.to_numpy(array.drop_null() if array.null_count else array)
-    return not len(values) or bool(values.min() > -_EXACT_INTEGERS and values.max() < _EXACT_INTEGERS)
+    return not len(values) or bool(values.min() > -EXACT_INTEGER and values.max() < EXACT_INTEGER)
 
 
 def _settled(array: pa.Array) -> pa.Array:

@@ -13,7 +13,8 @@ from typing import Any
 import pyarrow as pa
 
 from ..rows.arrow_types import is_shallow, type_of
-from ..rows.shape import DICT, EMPTY_DICT, LIST, Shape, of_values
+from ..rows.shape import DICT, EMPTY_DICT, LIST, Shape
+from ..rows.value_shapes import of_values
 
 Types = dict[str, pa.DataType | None]
 """Of keys; None for one whose values no type holds."""

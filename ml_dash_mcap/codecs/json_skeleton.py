@@ -22,7 +22,8 @@ from ..mcap.row_arrays import Rows, by_channel
 from ..rows.encode import EXACT_KEY
 from ..rows.json_text import restore_kinds
 from ..rows.schema import TopicShape, has_only_integers
-from ..rows.shape import Opaque, Shape, of_value
+from ..rows.shape import Shape
+from ..rows.value_shapes import Opaque, of_value
 from . import json_outline
 from .codec import UNKNOWN_FORM
 

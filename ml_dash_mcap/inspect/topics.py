@@ -14,7 +14,7 @@ from ..query import counts
 from ..query.stored_topic import StoredTopic
 from ..rows.dotted import flatten
 from ..rows.encode import TIME_KEY
-from ..rows.shape import of_value
+from ..rows.value_shapes import of_value
 from . import field_shapes, topic_schema
 from .field_shapes import Field
 

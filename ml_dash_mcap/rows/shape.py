@@ -9,14 +9,8 @@ in which blocks values come, nor in which order. What a shape does not compare, 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from itertools import chain
-from operator import or_
-from typing import Any
-
-from . import packed
-from .encode import has_lone_surrogates
 
 NULL, BOOLEAN, INTEGER, FLOAT64, TEXT, BYTES, LIST, DICT, ARRAY = (1 << bit for bit in range(9))
 """Kinds of values, as bits of `Shape.kinds`: None, bool, int, float, str, bytes, list, dict, and numpy's arrays."""
@@ -42,8 +36,9 @@ NUMBERS = INTEGERS | FLOATS
 _PROPERTIES = NEGATIVE | INEXACT | UNSIGNED | HUGE | HAS_NUL | HAS_SURROGATE | EMPTY_DICT
 """Bits that are no kinds but tell more about one."""
 
-_ANY_INTEGER = INTEGER | NEGATIVE | INEXACT | UNSIGNED | HUGE
-_ANY_TEXT = TEXT | HAS_NUL | HAS_SURROGATE
+ANY_INTEGER = INTEGER | NEGATIVE | INEXACT | UNSIGNED | HUGE
+ANY_TEXT = TEXT | HAS_NUL | HAS_SURROGATE
+"""What integers and texts may be that were not looked into."""
 
 EXACT_INTEGER = 2**53
 """Doubles hold all integers up to here exactly, and all from its negative on."""
@@ -53,10 +48,6 @@ UNBOUNDED = 2**63
 
 _TEXT_END = 16
 """So many of its last characters are kept of the first text."""
-
-
-class Opaque:
-    """Stands for a value of which nothing is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,25 +191,6 @@ def _joined_fields(first: Shape, second: Shape, admit: Admit | None) -> tuple[Ma
     return all_fields, optional if optional <= all_fields.keys() else optional & all_fields.keys()
 
 
-def of_values(values: Sequence[Any], *, is_coarse: bool = False) -> Shape:
-    """Return the shape of values.
-
-    Values of one type are looked at together, by functions that are written in C: that is several times as fast as
-    joining the shapes of each, which gives the same.
-
-    Args:
-        values: As they are read: None, booleans, numbers, texts, bytes, lists, dicts, arrays of numpy.
-        is_coarse: Whether to leave out what no JSON Schema tells: what is in lists of lists, how large integers are,
-            what is special in texts. A camera's picture as nested lists would take 50 ms otherwise.
-    """
-    return _of_values(values, is_coarse, is_in_list=False)
-
-
-def of_value(value: Any, *, is_coarse: bool = False) -> Shape:
-    """Return the shape of one value, see `of_values`."""
-    return _of_values((value,), is_coarse, is_in_list=False)
-
-
 def of_integers(lowest: int, highest: int) -> Shape:
     """Return the shape of integers from their bounds."""
     kinds = INTEGER
@@ -265,93 +237,3 @@ def scalar(kinds: int) -> Shape:
 @functools.lru_cache(4096)
 def _of_plain_lists(kinds: int, shortest: int, longest: int) -> Shape:
     return Shape(LIST, scalar(kinds), shortest, longest)
-
-
-def _of_values(values: Sequence[Any], is_coarse: bool, *, is_in_list: bool) -> Shape:
-    types = set(map(type, values))
-    shape = NOTHING
-    for type_ in types:
-        part = _SIMPLE.get(type_)
-        if part is None:
-            same = values if len(types) == 1 else [value for value in values if type(value) is type_]
-            part = _of_one_type(type_, same, is_coarse, is_in_list=is_in_list)
-        shape = part if shape is NOTHING else join(shape, part)
-    return shape
-
-
-def _of_one_type(type_: type, values: Sequence[Any], is_coarse: bool, *, is_in_list: bool) -> Shape:
-    if type_ is int:
-        return _COARSE_INTEGERS if is_coarse else of_integers(min(values), max(values))
-    if type_ is str:
-        return _COARSE_TEXTS if is_coarse else _of_text_values(values)
-    if type_ is list:
-        return scalar(OPAQUE) if is_coarse and is_in_list else _of_list_values(values, is_coarse)
-    if type_ is dict:
-        return _of_dict_values(values, is_coarse)
-    if type_ is packed.Spelling:
-        return _of_arrays(map(_spelled_type, values))
-    return _of_foreign(values)
-
-
-def _of_text_values(texts: Sequence[str]) -> Shape:
-    text = "".join(texts)
-    return of_texts(texts[0], has_nul="\0" in text, has_surrogate=has_lone_surrogates(text))
-
-
-def _of_list_values(lists: Sequence[list[Any]], is_coarse: bool) -> Shape:
-    lengths = list(map(len, lists))
-    elements = lists[0] if len(lists) == 1 else list(chain.from_iterable(lists))
-    return of_lists(_of_values(elements, is_coarse, is_in_list=True), min(lengths), max(lengths))
-
-
-def _of_dict_values(dicts: Sequence[dict[str, Any]], is_coarse: bool) -> Shape:
-    if len(dicts) == 1:  # the writer looks at rows one by one
-        fields = {}
-        for key, value in dicts[0].items():
-            fields[key] = _SIMPLE.get(type(value)) or _of_one_type(type(value), (value,), is_coarse, is_in_list=False)
-        return of_dicts(fields)
-    keys, optional = dicts[0].keys(), frozenset[str]()
-    columns: dict[str, Sequence[Any]]
-    if all(row.keys() == keys for row in dicts):
-        columns = {key: [row[key] for row in dicts] for key in keys}
-    else:
-        lists: dict[str, list[Any]] = {}
-        for row in dicts:
-            for key, value in row.items():
-                lists.setdefault(key, []).append(value)
-        columns = dict(lists)
-        optional = frozenset(key for key, values in columns.items() if len(values) < len(dicts))
-    fields = {key: _of_values(values, is_coarse, is_in_list=False) for key, values in columns.items()}
-    return Shape(DICT if all(dicts) else DICT | EMPTY_DICT, fields=fields, optional=optional)
-
-
-def _of_foreign(values: Sequence[Any]) -> Shape:
-    """Return the shape of arrays of numpy; of all else, nothing is known."""
-    import numpy as np
-
-    if isinstance(values[0], np.ndarray):
-        return _of_arrays(
-            ArrayType(array.dtype.name, array.shape, packed.is_plain(packed.spelling(array))) for array in values
-        )
-    return scalar(OPAQUE)
-
-
-def _of_arrays(types: Iterable[ArrayType]) -> Shape:
-    return Shape(ARRAY, array=functools.reduce(or_, types))
-
-
-def _spelled_type(spelling: str) -> ArrayType:
-    dtype, lengths = packed.parse(packed.described(spelling)) or (None, None)
-    return ArrayType(dtype, lengths, packed.is_plain(spelling))
-
-
-_SIMPLE = {
-    type(None): ONLY_NULL,
-    bool: scalar(BOOLEAN),
-    float: scalar(FLOAT64),
-    bytes: scalar(BYTES),
-    Opaque: scalar(OPAQUE),
-}
-"""Types of which one shape tells all."""
-
-_COARSE_INTEGERS, _COARSE_TEXTS = scalar(_ANY_INTEGER), scalar(_ANY_TEXT)

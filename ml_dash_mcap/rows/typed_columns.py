@@ -17,7 +17,8 @@ from . import array_lists, arrow_types, shape, zero_copy
 from .arrow_types import is_list, is_number, type_of
 from .encode import EXACT_KEY, TIME_KEY
 from .json_text import dumps_any, exact_as_read, loads_any, restore
-from .shape import ONLY_NULL, Shape, of_values, scalar
+from .shape import ONLY_NULL, Shape, scalar
+from .value_shapes import of_values
 
 ENCODING_KEY = b"ml_dash.encoding"
 """Metadata of a column whose values are JSON text, because no one Arrow type holds them all: `json`."""

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.rows import schema
-from ml_dash_mcap.rows.shape import of_values
+from ml_dash_mcap.rows.value_shapes import of_values
 from tests.support import disk
 from tests.support.examples import examples
 

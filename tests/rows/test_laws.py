@@ -21,7 +21,7 @@ from ml_dash_mcap.codecs.json_skeleton import Bones, Skeletons, guess
 from ml_dash_mcap.rows import merge
 from ml_dash_mcap.rows.json_text import exact, restore
 from ml_dash_mcap.rows.schema import to_json
-from ml_dash_mcap.rows.shape import of_values
+from ml_dash_mcap.rows.value_shapes import of_values
 from tests.support import disk
 from tests.support.examples import examples
 from tests.support.viewer_schema import violations

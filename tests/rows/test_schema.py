@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.rows import schema
-from ml_dash_mcap.rows.shape import of_value, of_values
+from ml_dash_mcap.rows.value_shapes import of_value, of_values
 from tests.support.case_ids import stable_repr
 from tests.support.examples import examples
 from tests.support.row_types import mismatches

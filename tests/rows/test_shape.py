@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.rows import shape
-from ml_dash_mcap.rows.shape import NOTHING, Shape, join, of_value, of_values
+from ml_dash_mcap.rows.shape import NOTHING, Shape, join
+from ml_dash_mcap.rows.value_shapes import of_value, of_values
 from tests.support.examples import examples
 
 INTEGERS = st.integers(-(2**65), 2**65) | st.sampled_from(

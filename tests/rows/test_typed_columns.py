@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ml_dash_mcap.rows.arrow_types import of_array, stored_type, type_of, vector_lengths
-from ml_dash_mcap.rows.shape import NOTHING, Shape, of_values
+from ml_dash_mcap.rows.shape import NOTHING, Shape
 from ml_dash_mcap.rows.table import block_of
 from ml_dash_mcap.rows.typed_columns import Column, cast_to_file, shape_of, values_of
+from ml_dash_mcap.rows.value_shapes import of_values
 
 NUMBERS = st.one_of(st.integers(-(2**63), 2**64 - 1), st.integers(-3, 3), st.floats(allow_nan=False))
 VALUES = st.one_of(

@@ -24,8 +24,9 @@ from ...query import exact_blocks
 from ...query import topic_rows as rows
 from ...query.file import File
 from ...rows.encode import TIME_KEY
-from ...rows.shape import NOTHING, Shape, of_values
+from ...rows.shape import NOTHING, Shape
 from ...rows.table import Block
+from ...rows.value_shapes import of_values
 from ...store import read_ahead
 from ..export_job import Job
 from . import bag_images, ros_names

@@ -16,6 +16,7 @@ import pyarrow.compute as pc
 from ...clock import END_S
 from ...errors import ForeignFileError, OptionError
 from ...rows.encode import TIME_KEY
+from ...rows.shape import EXACT_INTEGER
 from ...suggestions import not_found
 
 UNITS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
@@ -38,7 +39,6 @@ _BEHIND = re.compile(r"[\s_]*(?:[\s_]|[(\[])\s*(" + "|".join(_WORDS) + r")\s*[)\
 _PLAIN_S = (631_152_000, 4_102_444_800)
 """1990 and 2100, in s since 1970: numbers between them, in some unit, are wall-clock times in that unit."""
 
-_EXACT = 2**53
 _LEAVE_OUT = "on_bad='missing' to convert() to leave out what has no time"
 _ZONE = r"(Z|[+\-]\d\d:?\d\d)$"
 
@@ -140,7 +140,7 @@ def are_times(times: Floats) -> npt.NDArray[np.bool_]:
 
 def _divided(numbers: npt.NDArray[Any], by: int) -> Floats:
     """Divide integers, each rounded once."""
-    if by == 1 or not len(numbers) or (int(numbers.min()) >= -_EXACT and int(numbers.max()) <= _EXACT):
+    if by == 1 or not len(numbers) or (int(numbers.min()) >= -EXACT_INTEGER and int(numbers.max()) <= EXACT_INTEGER):
         return numbers.astype(np.float64) / by
     return np.array([number / by for number in numbers.tolist()])
 

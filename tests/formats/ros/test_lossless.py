@@ -16,7 +16,7 @@ from ml_dash_mcap.codecs.ros.unpack import unpack
 from ml_dash_mcap.formats.ros.messages import lossless, lossless_definitions, restore
 from ml_dash_mcap.formats.ros.messages.fill import MisfitError, fill
 from ml_dash_mcap.formats.ros.messages.lossless import Message
-from ml_dash_mcap.rows.shape import of_values
+from ml_dash_mcap.rows.value_shapes import of_values
 from tests.support.examples import examples
 from tests.support.row_shapes import tables, typed
 
