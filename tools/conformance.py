@@ -21,12 +21,13 @@ from typing import Any
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import RecorderError
 from ml_dash_mcap.mcap import chunk_bytes, records, summary
-from ml_dash_mcap.mcap.file_reader import McapFile
 from ml_dash_mcap.mcap.limits import DEFAULT
 from ml_dash_mcap.mcap.message_records import MESSAGE_FIELDS, MESSAGE_HEAD_BYTES
 from ml_dash_mcap.mcap.record_layout import Fields, split_records
 from ml_dash_mcap.mcap.records import Opcode
 from ml_dash_mcap.query import topic_messages
+from ml_dash_mcap.query.file import File
+from ml_dash_mcap.query.stored_topic import LAST_NS, StoredTopic
 
 Described = dict[str, Any]
 """A record as a description has it: its `type`, and its `fields` by name; numbers as text, bytes as lists of them."""
@@ -196,7 +197,7 @@ def _of_recording(path: Path, expected: list[Described]) -> Iterator[str]:
 
 
 def _of_messages(path: Path, expected: list[Described]) -> Iterator[str]:
-    file = McapFile(path)
+    file = File(path)
     try:
         topics = {one["id"]: one["topic"] for one in _of(expected, "Channel")}
         if {str(number): one.topic for number, one in file.index.channels.items()} != topics:
@@ -208,7 +209,7 @@ def _of_messages(path: Path, expected: list[Described]) -> Iterator[str]:
         for number, topic in topics.items():
             found = [
                 {"log_time": time, "publish_time": published, "sequence": sequence, "data": payload}
-                for batch in topic_messages.read([file], topic, 0, topic_messages.LAST_NS)
+                for batch in topic_messages.read(StoredTopic([file], topic), 0, LAST_NS)
                 for time, published, sequence, payload in zip(
                     batch.times_ns.tolist(),
                     batch.published_ns.tolist(),
