@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import orjson
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -116,5 +117,5 @@ def test_a_topic_with_very_many_fields_has_a_schema_of_bounded_size() -> None:
     learnt.add(of_value({f"x{number}": {"y": 1} for number in range(9000)}))
     said = schema.to_json(learnt.shape, "t")
     assert violations(said) == []
-    assert len(schema.to_bytes(said)) < 1_000_000
+    assert len(orjson.dumps(said)) < 1_000_000
     assert said["properties"]["_ts"] == {"type": "number"}
