@@ -62,8 +62,8 @@ def convert(
     if format is None and registry.detect(source) is not None and registry.suffix_format(target) is None:
         check_overwrite(overwrite)
         allowed = replacing(keeper(RECORDING, [source])) if overwrite else nullcontext()
-        known = readers.options_of(source)
-        given = {name: value for name, value in options.items() if name in known or name not in _OF_MCAP_ALONE}
+        reading = readers.options_of(source)
+        given = {name: value for name, value in options.items() if name in reading or name not in _OF_MCAP_ALONE}
         with allowed, fresh_folder(target) as folder:
             readers.into(source, folder, target.name, progress=progress, **given)
         return target
@@ -94,7 +94,11 @@ def _opened(source: Path, reads: Mapping[str, Any]) -> Iterator[Recording]:
         yield recording
 
 
-_OF_RECORDINGS = [name for name, one in inspect.signature(Recording).parameters.items() if one.kind is one.KEYWORD_ONLY]
+_OF_RECORDINGS = [
+    name
+    for name, parameter in inspect.signature(Recording).parameters.items()
+    if parameter.kind is parameter.KEYWORD_ONLY
+]
 """What a recording can be opened with, such as `on_damage`."""
 
 
@@ -115,8 +119,8 @@ def _options_of_reading(src: str | Path, format: str, options: Mapping[str, Any]
     reading = (readers.options_of(src) or _OF_RECORDINGS) if rest else []
     for name in rest:
         if name not in reading:
-            known = [*reading, *options_of(format)]
-            what = f"they have {', '.join(known)}. {did_you_mean(name, known, spelling='{}=')}".rstrip(" .")
+            names = [*reading, *options_of(format)]
+            what = f"they have {', '.join(names)}. {did_you_mean(name, names, spelling='{}=')}".rstrip(" .")
             raise UsageError(f"reading {src} and writing {format!r} have no option {name!r}; {what}")
     return {name: value for name, value in rest.items() if name in reading}
 

@@ -27,14 +27,14 @@ def distinct(names: Sequence[str]) -> list[str]:
     """
     taken = set(names)
     seen: set[str] = set()
-    found = []
+    distinct_names = []
     for name in names:
         new, number = name, 2
         while new in seen or (new != name and new in taken):
             new, number = f"{name}#{number}", number + 1
         seen.add(new)
-        found.append(new)
-    return found
+        distinct_names.append(new)
+    return distinct_names
 
 
 def accepted(path: Path, placements: Sequence[Placement]) -> list[Placement]:
@@ -46,13 +46,13 @@ def accepted(path: Path, placements: Sequence[Placement]) -> list[Placement]:
         path: The file, for the warning.
         placements: As the file names them.
     """
-    topics = {name: _topic(name) for name in dict.fromkeys(one.topic for one in placements)}
+    topics = {name: _topic(name) for name in dict.fromkeys(placement.topic for placement in placements)}
     changed = [f"{name[:40]!r} is {new[:40]!r}" for name, new in topics.items() if name != new]
-    found: list[Placement] = []
+    accepted_placements: list[Placement] = []
     taken: set[tuple[str, tuple[str, ...]]] = set()
-    all_paths = {(topics[one.topic], one.path) for one in placements}
-    for one in placements:
-        topic, field = topics[one.topic], one.path
+    all_paths = {(topics[placement.topic], placement.path) for placement in placements}
+    for placement in placements:
+        topic, field = topics[placement.topic], placement.path
         if any((topic, field[:length]) in all_paths for length in range(1, len(field))):
             field = (".".join(field),)  # a field cannot be a dict too
         changed += [f"{name!r} is {name + '_'!r}" for name in _RESERVED if name in field]
@@ -61,14 +61,14 @@ def accepted(path: Path, placements: Sequence[Placement]) -> list[Placement]:
         while (topic, field) in taken or (number > 2 and (topic, field) in all_paths):
             field, number = (*field[:-1], f"{last}#{number}"), number + 1
         taken.add((topic, field))
-        found.append(replace(one, topic=topic, path=field))
+        accepted_placements.append(replace(placement, topic=topic, path=field))
     if changed:
         warnings.warn(
             f"{path}: names that no topic or field can have were changed: {', '.join(changed[:5])}",
             ConversionWarning,
             stacklevel=2,
         )
-    return found
+    return accepted_placements
 
 
 def _topic(name: str) -> str:

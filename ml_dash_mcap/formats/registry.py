@@ -296,10 +296,10 @@ def format_of(dest: Path) -> str:
     """
     name = suffix_format(dest)
     if name is None:
-        known = ", ".join(f"{suffix} ({name})" for name, entry in _formats.items() for suffix in entry.suffixes)
+        suffixes = ", ".join(f"{suffix} ({name})" for name, entry in _formats.items() for suffix in entry.suffixes)
         raise FormatError(
             f"{str(dest)!r} does not say which format to write: pass format=, one of {', '.join(names('write'))};"
-            f" or end it with {known}"
+            f" or end it with {suffixes}"
         )
     return name
 
@@ -326,11 +326,11 @@ def make_options(options: Reference, given: Mapping[str, Any], subject: str) -> 
         if isinstance(given["options"], kind):
             return given["options"]
         raise UsageError(f"{subject} takes {kind.__name__} as options=, not {type(given['options']).__name__}")
-    known = option_names(kind)
+    offered = option_names(kind)
     for name in given:
-        if name not in known:
-            meant = did_you_mean(name, known, spelling="{}=")
+        if name not in offered:
+            meant = did_you_mean(name, offered, spelling="{}=")
             raise UsageError(
-                f"{subject} has no option {name!r}; it has {', '.join(known) or 'none'}. {meant}".rstrip(" .")
+                f"{subject} has no option {name!r}; it has {', '.join(offered) or 'none'}. {meant}".rstrip(" .")
             )
     return kind(**given)

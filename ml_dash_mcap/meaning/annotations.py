@@ -30,21 +30,21 @@ def collect(
     Raises:
         FieldError: One of them is something else.
     """
-    said: dict[str, Any] = {}
+    annotations: dict[str, Any] = {}
     if units is not None:
-        if not isinstance(units, Mapping) or not all(isinstance(one, str) for pair in units.items() for one in pair):
+        if not isinstance(units, Mapping) or not all(isinstance(text, str) for pair in units.items() for text in pair):
             raise FieldError(f"units={units!r}: pass a dict of field names and units, such as {{'q': 'rad'}}")
-        said["units"] = dict(units)
+        annotations["units"] = dict(units)
     if joint_names is not None:
         if isinstance(joint_names, str) or not all(isinstance(name, str) for name in joint_names):
             raise FieldError(f"joint_names={joint_names!r}: pass a list of names")
-        said["joint_names"] = list(joint_names)
+        annotations["joint_names"] = list(joint_names)
     if frame_id is not None:
         if not isinstance(frame_id, str):
             raise FieldError(f"frame_id={frame_id!r}: pass the name of a frame")
-        said["frame_id"] = frame_id
+        annotations["frame_id"] = frame_id
     if quat_order is not None:
         if quat_order not in QUAT_ORDERS:
             raise FieldError(f"quat_order={quat_order!r}: it must be 'xyzw' or 'wxyz'")
-        said["quat_order"] = quat_order
-    return said
+        annotations["quat_order"] = quat_order
+    return annotations

@@ -120,11 +120,11 @@ def poses(shapes: Mapping[str, Shape]) -> list[PoseFields]:
         for name, shape in shapes.items()
         if shape in ORIENTATION.shapes and (owner := owner_of(name, ORIENTATION)) is not None
     }
-    found: list[PoseFields] = []
+    pose_fields: list[PoseFields] = []
     for name, shape in shapes.items():
         whole, position = owner_of(name, POSE), owner_of(name, POSITION)
         if shape in POSE.shapes and (whole is not None or is_matrix_name(name)):
-            found.append(PoseFields(name if whole is None else whole, name, None))
+            pose_fields.append(PoseFields(name if whole is None else whole, name, None))
         elif shape in POSITION.shapes and position in orientations:
-            found.append(PoseFields(position or "", name, orientations[position or ""]))
-    return found
+            pose_fields.append(PoseFields(position or "", name, orientations[position or ""]))
+    return pose_fields

@@ -135,7 +135,7 @@ def find(topic: str, shapes: Shapes, metadata: Mapping[str, Any], quat_order: st
     order = str(quat_order or metadata.get("quat_order") or "xyzw")
     fields = _gather(shapes)
     bodies = _bodies(topic, fields, order)
-    used = {path for body in bodies for one in (body.position, body.rotation) if one for path in one.fields}
+    used = {path for body in bodies for source in (body.position, body.rotation) if source for path in source.fields}
     rest = {path: source for path, source in fields.items() if not used.intersection(source.fields)}
     return Objects(tuple(bodies), tuple(_markers(topic, rest, metadata)), tuple(_joints(topic, shapes, used, metadata)))
 
@@ -161,7 +161,7 @@ def _gather(shapes: Shapes) -> dict[Path, NumberSource]:
     sources: dict[Path, NumberSource] = {}
     for path, shape in shapes.items():
         parent = path[:-1]
-        letters = {one[-1] for one in shapes if one[:-1] == parent and shapes[one] == ()}
+        letters = {other[-1] for other in shapes if other[:-1] == parent and shapes[other] == ()}
         if parent and shape == () and letters in ({"x", "y", "z"}, {"x", "y", "z", "w"}):
             names = "xyzw"[: len(letters)]
             sources[parent] = NumberSource(tuple((*parent, letter) for letter in names), ())
@@ -206,19 +206,19 @@ def _is_point(source: NumberSource) -> bool:
 
 def _markers(topic: str, fields: Mapping[Path, NumberSource], metadata: Mapping[str, Any]) -> list[Marker]:
     prefix = "" if topic == MARKERS_TOPIC else f"{topic}:"
-    found: list[Marker] = []
+    markers: list[Marker] = []
     for path, source in fields.items():
         names = metadata.get("marker_names")
         is_marker = any(_MARKER.search(word) for word in (topic, *path))
         if len(source.shape) == 2 and source.shape[1] == 3 and (is_marker or names is not None):
-            found += _rows(prefix, topic, path, source, names)
+            markers += _rows(prefix, topic, path, source, names)
         elif _is_point(source) and is_marker:
             name = ".".join(path[1:] if len(path) > 1 and _MARKER.search(path[0]) else path)
-            found.append(Marker(prefix + name, topic, source, MARKER_KINDS.get(path[0], "Marker")))
+            markers.append(Marker(prefix + name, topic, source, MARKER_KINDS.get(path[0], "Marker")))
         elif _is_point(source) and (owner := owner_of(path[-1], POSITION)) is not None and is_body(owner):
             name = ".".join(filter(None, (*path[:-1], owner)))
-            found.append(Marker(f"{prefix}{name}" if name else topic, topic, source))
-    return found
+            markers.append(Marker(f"{prefix}{name}" if name else topic, topic, source))
+    return markers
 
 
 def _rows(prefix: str, topic: str, path: Path, source: NumberSource, names: Any) -> list[Marker]:
@@ -234,7 +234,7 @@ def _rows(prefix: str, topic: str, path: Path, source: NumberSource, names: Any)
 
 def _joints(topic: str, shapes: Shapes, used: set[Path], metadata: Mapping[str, Any]) -> list[Joint]:
     names = _joint_names(metadata)
-    found: list[Joint] = []
+    joints: list[Joint] = []
     for path, shape in shapes.items():
         if path in used:
             continue
@@ -243,18 +243,18 @@ def _joints(topic: str, shapes: Shapes, used: set[Path], metadata: Mapping[str, 
         if is_list and suffix is not None:
             count = math.prod(shape)
             of = names if len(names) == count else [f"q{number}" for number in range(count)]
-            found += [
+            joints += [
                 Joint(f"{name}{suffix}", topic, NumberSource((path,), shape, number, number + 1))
                 for number, name in enumerate(of)
             ]
         elif shape == () and _GRIPPER.search(path[-1]):
-            found.append(Joint(".".join(path), topic, NumberSource((path,), ())))
-    return found
+            joints.append(Joint(".".join(path), topic, NumberSource((path,), ())))
+    return joints
 
 
 def _joint_names(metadata: Mapping[str, Any]) -> Sequence[str]:
-    said = metadata.get("joint_names")
-    return said if isinstance(said, Sequence) and not isinstance(said, str) else ()
+    names = metadata.get("joint_names")
+    return names if isinstance(names, Sequence) and not isinstance(names, str) else ()
 
 
 def _joint_suffix(name: str, is_named: bool) -> str | None:

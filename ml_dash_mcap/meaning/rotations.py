@@ -89,16 +89,16 @@ def of_matrices(matrices: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
         (1, 3): m[:, 0, 2] - m[:, 2, 0],
         (2, 3): m[:, 1, 0] - m[:, 0, 1],
     }
-    found = np.empty((len(m), 4))
+    quaternions = np.empty((len(m), 4))
     for first in range(4):
         rows = largest == first
         for second in range(4):
             if first == second:
-                found[rows, second] = twice[rows] / 2
+                quaternions[rows, second] = twice[rows] / 2
             else:
                 with np.errstate(invalid="ignore", divide="ignore"):
-                    found[rows, second] = off[(min(first, second), max(first, second))][rows] / (2 * twice[rows])
-    return normalised(found), is_bad & ~np.isnan(m).any(axis=(1, 2))
+                    quaternions[rows, second] = off[(min(first, second), max(first, second))][rows] / (2 * twice[rows])
+    return normalised(quaternions), is_bad & ~np.isnan(m).any(axis=(1, 2))
 
 
 def _determinant(m: Floats) -> Floats:

@@ -102,7 +102,7 @@ def _is_fixed(type_: pa.DataType) -> bool:
 def _of_map(array: pa.Array) -> pa.Array:
     type_ = array.type
     entries = pa.list_(pa.struct([("key", type_.key_type), ("value", type_.item_type)]))
-    pairs = [None if one is None else [{"key": k, "value": v} for k, v in one] for one in array.to_pylist()]
+    pairs = [None if entries is None else [{"key": k, "value": v} for k, v in entries] for entries in array.to_pylist()]
     return plain(pa.array(pairs, entries))
 
 
@@ -118,6 +118,6 @@ def _of_struct(array: pa.Array) -> pa.Array:
 def _of_intervals(array: pa.Array) -> pa.Array:
     names = ("months", "days", "nanoseconds")
     return pa.array(
-        [None if one is None else dict(zip(names, one, strict=True)) for one in array.to_pylist()],
+        [None if values is None else dict(zip(names, values, strict=True)) for values in array.to_pylist()],
         pa.struct([(name, pa.int64()) for name in names]),
     )

@@ -45,16 +45,16 @@ def tree(names: Iterable[str], literal: Collection[str] = ()) -> Tree:
         names: Of the columns.
         literal: Those whose dots are part of a key.
     """
-    known = list(names)
-    paths = {name: _path(name, literal) for name in known}
+    columns = list(names)
+    paths = {name: _path(name, literal) for name in columns}
     mixed = {path[0] for name, path in paths.items() if any(parent in paths for parent in _parents(name))}
-    found = Tree()
+    tree = Tree()
     for name, path in paths.items():
-        found.put((name,) if path[0] in mixed else path, name)
-    return found
+        tree.put((name,) if path[0] in mixed else path, name)
+    return tree
 
 
-def fields(found: Tree, leaf: Callable[[str], pa.Field]) -> list[pa.Field]:
+def fields(tree: Tree, leaf: Callable[[str], pa.Field]) -> list[pa.Field]:
     """Return the fields of a tree.
 
     Args:
@@ -63,11 +63,11 @@ def fields(found: Tree, leaf: Callable[[str], pa.Field]) -> list[pa.Field]:
     """
     return [
         pa.field(key, pa.struct(fields(inner, leaf))) if isinstance(inner, Tree) else leaf(inner).with_name(key)
-        for key, inner in found.children.items()
+        for key, inner in tree.children.items()
     ]
 
 
-def arrays(wanted: Sequence[pa.Field], found: Tree, columns: Mapping[str, pa.Array]) -> list[pa.Array]:
+def arrays(wanted: Sequence[pa.Field], tree: Tree, columns: Mapping[str, pa.Array]) -> list[pa.Array]:
     """Return the arrays of a tree's fields; a struct whose keys are all null is null.
 
     Args:
@@ -76,15 +76,15 @@ def arrays(wanted: Sequence[pa.Field], found: Tree, columns: Mapping[str, pa.Arr
         columns: By dotted name.
     """
     return [
-        _struct(one.type, inner, columns) if isinstance(inner, Tree) else columns[inner]
-        for one, inner in zip(wanted, found.children.values(), strict=True)
+        _struct(field.type, inner, columns) if isinstance(inner, Tree) else columns[inner]
+        for field, inner in zip(wanted, tree.children.values(), strict=True)
     ]
 
 
-def _struct(type_: pa.DataType, found: Tree, columns: Mapping[str, pa.Array]) -> pa.Array:
+def _struct(type_: pa.DataType, tree: Tree, columns: Mapping[str, pa.Array]) -> pa.Array:
     wanted = [type_.field(at) for at in range(type_.num_fields)]
-    children: list[Any] = arrays(wanted, found, columns)
-    mask = functools.reduce(pc.and_, map(pc.is_null, children)) if all(one.null_count for one in children) else None
+    children: list[Any] = arrays(wanted, tree, columns)
+    mask = functools.reduce(pc.and_, map(pc.is_null, children)) if all(child.null_count for child in children) else None
     return pa.StructArray.from_arrays(children, fields=wanted, mask=mask)
 
 

@@ -92,7 +92,11 @@ class OurTable:
             path, makes = self._paths_of(base), [self._makes[name] for name in names]
             vectors = zip(*(columns[name].to_pylist() for name in names), strict=True)
             for row, elements in zip(rows, vectors, strict=True):
-                put(row, path, self._vector([make(one) for make, one in zip(makes, elements, strict=True)], shape))
+                put(
+                    row,
+                    path,
+                    self._vector([make(element) for make, element in zip(makes, elements, strict=True)], shape),
+                )
         for row, time in zip(rows, times.tolist(), strict=True):
             row[TIME_KEY] = time
         topic.append_batch(rows)
@@ -121,11 +125,11 @@ class OurTable:
 
     def _vector(self, elements: list[Any], shape: tuple[int, ...]) -> Any:
         """Return the elements of a vector or a matrix in its shape; `ABSENT` if none is there."""
-        flat = [None if one is ABSENT else one for one in elements]
-        if all(one is None for one in flat):
+        flat = [None if element is ABSENT else element for element in elements]
+        if all(element is None for element in flat):
             return self._nothing
-        found = _reshaped(flat, shape)
-        return _trimmed(found) if self._about.is_ragged else found
+        nested = _reshaped(flat, shape)
+        return _trimmed(nested) if self._about.is_ragged else nested
 
     def _path(self, name: str, taken: set[str]) -> tuple[str, ...]:
         plain = name.removeprefix(FIELD_PREFIX)
@@ -167,37 +171,39 @@ def put(row: dict[str, Any], path: tuple[str, ...], value: Any) -> bool:
         return True
     inner = row
     for key in path[:-1]:
-        found = inner.setdefault(key, {})
-        if not isinstance(found, dict):
+        child = inner.setdefault(key, {})
+        if not isinstance(child, dict):
             row[".".join(path)] = value
             return False
-        inner = found
+        inner = child
     inner[path[-1]] = value
     return True
 
 
 def _array_types(properties: Mapping[str, Any], parent: str = "") -> Iterator[tuple[str, str]]:
     """Yield the dotted names of fields that were large arrays, and the types of these."""
-    for name, said in properties.items():
-        description = said.get("description") if isinstance(said, Mapping) and "contentEncoding" in said else None
-        found = packed.parse(description) if isinstance(description, str) else None
-        if found is not None:
-            yield parent + name, found[0]
-        elif isinstance(said, Mapping):
-            yield from _array_types(properties_of(said), f"{parent}{name}.")
+    for name, property_ in properties.items():
+        description = (
+            property_.get("description") if isinstance(property_, Mapping) and "contentEncoding" in property_ else None
+        )
+        array_type = packed.parse(description) if isinstance(description, str) else None
+        if array_type is not None:
+            yield parent + name, array_type[0]
+        elif isinstance(property_, Mapping):
+            yield from _array_types(properties_of(property_), f"{parent}{name}.")
 
 
 def _large(value: Any, type_: str) -> Any:
     """Return nested lists as the array that they were, unless that would have been a list."""
     try:
-        found = np.array(value, type_)
+        array = np.array(value, type_)
     except TypeError:  # None, where an element was masked
         objects = np.array(value, object)
-        mask = np.reshape([one is None for one in objects.flat], objects.shape)
-        found = np.ma.MaskedArray(np.where(mask, 0, objects).astype(type_), mask)
+        mask = np.reshape([element is None for element in objects.flat], objects.shape)
+        array = np.ma.MaskedArray(np.where(mask, 0, objects).astype(type_), mask)
     except ValueError:  # ragged
         return value
-    return found if packed.is_large(found) else value
+    return array if packed.is_large(array) else value
 
 
 def _maker(field: pa.Field, nothing: Any, name: str, types: Mapping[str, str]) -> Make:
@@ -209,12 +215,12 @@ def _maker(field: pa.Field, nothing: Any, name: str, types: Mapping[str, str]) -
         name: Of the field, dotted.
         types: Of the fields that were large arrays, by name.
     """
-    said, type_ = field.metadata or {}, field.type
-    if said.get(ENCODING_KEY) == b"json":
+    metadata, type_ = field.metadata or {}, field.type
+    if metadata.get(ENCODING_KEY) == b"json":
         return lambda value: nothing if value is None else from_text(value)
     if pa.types.is_null(type_):
         return lambda value: None
-    shape = _shape(said)
+    shape = _shape(metadata)
     if name in types:
         return lambda value: nothing if value is None else _large(_reshaped(value, shape), types[name])
     if len(shape) > 1:
@@ -226,13 +232,13 @@ def _maker(field: pa.Field, nothing: Any, name: str, types: Mapping[str, str]) -
 
 def _struct_maker(type_: pa.DataType, nothing: Any, name: str, types: Mapping[str, str]) -> Make:
     inner = [type_.field(at) for at in range(type_.num_fields)]
-    makes = {one.name: _maker(one, nothing, f"{name}.{one.name}", types) for one in inner}
+    makes = {child.name: _maker(child, nothing, f"{name}.{child.name}", types) for child in inner}
     has_values = _has_values(type_)
 
     def make(value: Any) -> Any:
         if value is None and has_values:
             return nothing
-        made = {key: one((value or {}).get(key)) for key, one in makes.items()}
+        made = {key: make_child((value or {}).get(key)) for key, make_child in makes.items()}
         return {key: inner for key, inner in made.items() if inner is not ABSENT}
 
     return make
@@ -246,10 +252,12 @@ def _has_values(type_: pa.DataType) -> bool:
 
 def _shape(metadata: Mapping[bytes, bytes]) -> tuple[int, ...]:
     try:
-        said = orjson.loads(metadata.get(SHAPE_KEY, b"[]"))
+        shape = orjson.loads(metadata.get(SHAPE_KEY, b"[]"))
     except orjson.JSONDecodeError:
         return ()
-    return tuple(said) if isinstance(said, list) and all(type(one) is int and one > 0 for one in said) else ()
+    return (
+        tuple(shape) if isinstance(shape, list) and all(type(length) is int and length > 0 for length in shape) else ()
+    )
 
 
 def _reshaped(flat: list[Any], shape: tuple[int, ...]) -> list[Any]:
@@ -262,10 +270,10 @@ def _trimmed(value: Any) -> Any:
     """Return lists without what is missing at their ends."""
     if not isinstance(value, list):
         return value
-    found = [_trimmed(one) for one in value]
-    while found and (found[-1] is None or found[-1] == []):
-        found.pop()
-    return found
+    trimmed = [_trimmed(element) for element in value]
+    while trimmed and (trimmed[-1] is None or trimmed[-1] == []):
+        trimmed.pop()
+    return trimmed
 
 
 def _array(field: pa.Field, column: pa.Array) -> Any:
@@ -274,16 +282,19 @@ def _array(field: pa.Field, column: pa.Array) -> Any:
         return None
     if pa.types.is_struct(field.type):
         inner = [field.type.field(at) for at in range(field.type.num_fields)]
-        found = {one.name: _array(one, child) for one, child in zip(inner, column.flatten(), strict=True)}
-        return found if found and all(one is not None for one in found.values()) else None
+        children = {
+            child_field.name: _array(child_field, child)
+            for child_field, child in zip(inner, column.flatten(), strict=True)
+        }
+        return children if children and all(child_field is not None for child_field in children.values()) else None
     shape, leaf = numpy_columns.common_shape(column)
     is_number = pa.types.is_integer(leaf.type) or pa.types.is_floating(leaf.type) or pa.types.is_boolean(leaf.type)
     if shape is None or not is_number or 0 in shape or (shape and leaf.null_count):
         return None
     present = column.is_valid().to_numpy(zero_copy_only=False)
-    said = _shape(field.metadata or {}) or shape
+    stated = _shape(field.metadata or {}) or shape
     if len(shape) <= 1:
-        shape = said
+        shape = stated
     values = np.zeros((len(column), *shape), leaf.type.to_pandas_dtype())
     values[present] = (leaf.drop_null() if leaf.null_count else leaf).to_numpy(zero_copy_only=False).reshape(-1, *shape)
     if present.all():

@@ -16,7 +16,7 @@ from .table_options import TableReadOptions
 
 def of(path: Path) -> list[Path]:
     """Return the files at a path, by name."""
-    return sorted(one for one in path.iterdir() if not one.name.startswith(".")) if path.is_dir() else [path]
+    return sorted(file for file in path.iterdir() if not file.name.startswith(".")) if path.is_dir() else [path]
 
 
 def topic_name(path: Path, *, is_ours: bool) -> str:

@@ -133,9 +133,9 @@ class _Intake:
             return batch, times + 0.0
         if self._options.on_bad == "raise":
             at = int((~good).argmax())
-            said = batch.column(name)[at].as_py()
+            value = batch.column(name)[at].as_py()
             hint = table_times.hint(float(times[at]))
-            what = f"the time is {said!r} in the column {name!r}, which is no time stamp; {hint}"
+            what = f"the time is {value!r} in the column {name!r}, which is no time stamp; {hint}"
             raise ForeignFileError(self._file.path, f"{self._file.place(first + at)}: {what}")
         self.left_out += int((~good).sum())
         return batch.filter(pa.array(good)), times[good]
@@ -158,8 +158,8 @@ class _Foreign(_Intake):
         at = file.schema.names.index(self._time.name)
         kept = [number for number in range(len(file.schema)) if number != at or not self._time.is_seconds]
         self._columns = dict(zip(_field_names([file.schema.names[number] for number in kept]), kept, strict=True))
-        said = _said_of_table(file, self._columns, self._time, units)
-        self._topic = open_topic(recorder, options.topic or name, MESSAGE, Topic, TopicAbout(metadata=said))
+        metadata = _said_of_table(file, self._columns, self._time, units)
+        self._topic = open_topic(recorder, options.topic or name, MESSAGE, Topic, TopicAbout(metadata=metadata))
         self._json = {name for name, at in self._columns.items() if typed_columns.is_json(file.schema.field(at))}
 
     def add(self, batch: pa.RecordBatch) -> None:
@@ -221,9 +221,9 @@ def append(
         columns: By field, [N], of types that rows have.
         json: The fields whose columns are JSON text, because no one type holds their values.
     """
-    found = {name: numbers(array) for name, array in columns.items()}
-    if columns and all(one is not None for one in found.values()):
-        topic.append_columns(_ts=times, **found)
+    arrays_by_field = {name: numbers(array) for name, array in columns.items()}
+    if columns and all(array is not None for array in arrays_by_field.values()):
+        topic.append_columns(_ts=times, **arrays_by_field)
         return
     values = [values_of(Column(array, is_text=name in json)) for name, array in columns.items()]
     stamps = times.tolist()
@@ -252,39 +252,39 @@ def _field_names(names: list[str]) -> list[str]:
 
 def _units(schema: pa.Schema) -> dict[str, str]:
     """Return the units that columns say in their metadata, or in brackets behind their names, by dotted name."""
-    found: dict[str, str] = {}
+    units: dict[str, str] = {}
 
     def look(field: pa.Field, name: str) -> None:
-        said = next((field.metadata[key] for key in UNIT_KEYS if key in (field.metadata or {})), None)
-        if said is not None:
-            found[name] = said.decode("utf-8", "replace")
+        stated = next((field.metadata[key] for key in UNIT_KEYS if key in (field.metadata or {})), None)
+        if stated is not None:
+            units[name] = stated.decode("utf-8", "replace")
         elif pa.types.is_duration(field.type):
-            found[name] = field.type.unit
+            units[name] = field.type.unit
         elif (behind := _IN_BRACKETS.search(name)) and behind[1] in _KNOWN_UNITS:
-            found[name] = behind[1]
+            units[name] = behind[1]
         if pa.types.is_struct(field.type):
             for at in range(field.type.num_fields):
                 look(field.type.field(at), f"{name}.{field.type.field(at).name}")
 
     for field in schema:
         look(field, field.name)
-    return found
+    return units
 
 
 def _said_of_table(
     file: TableFile, columns: Mapping[str, int], time: table_times.TimeColumn, units: Mapping[str, str]
 ) -> dict[str, Any]:
     """Return a topic's metadata: units, types that say more than values, what the file says, its column of times."""
-    said: dict[str, Any] = {"source": file.path.name, "time_column": time.name}
+    about: dict[str, Any] = {"source": file.path.name, "time_column": time.name}
     if units:
-        said["units"] = {name: unit for name, unit in units.items() if name != time.name or not time.is_seconds}
+        about["units"] = {name: unit for name, unit in units.items() if name != time.name or not time.is_seconds}
     types = {name: arrow_values.meaning(file.schema.field(at).type) for name, at in columns.items()}
     if any(types.values()):
-        said["arrow_types"] = {name: type_ for name, type_ in types.items() if type_ is not None}
+        about["arrow_types"] = {name: type_ for name, type_ in types.items() if type_ is not None}
     metadata = file.schema.metadata or {}
     if metadata:
-        said["file_metadata"] = {_text(key): _json_or_text(value) for key, value in metadata.items()}
-    return said
+        about["file_metadata"] = {_text(key): _json_or_text(value) for key, value in metadata.items()}
+    return about
 
 
 def _json_or_text(value: bytes) -> Any:

@@ -115,8 +115,8 @@ def seconds(path: Path, array: pa.Array, column: TimeColumn) -> Floats:
     elif pa.types.is_date(type_):
         array = array.cast(pa.timestamp("s")).cast(pa.timestamp("ns"))
     if pa.types.is_floating(type_):
-        found = np.array(array.cast(pa.float64()).to_numpy(zero_copy_only=False), np.float64)
-        return found if column.unit == "s" else found / UNITS[column.unit]
+        numbers = np.array(array.cast(pa.float64()).to_numpy(zero_copy_only=False), np.float64)
+        return numbers if column.unit == "s" else numbers / UNITS[column.unit]
     counts = array if pa.types.is_integer(type_) else array.cast(pa.int64())
     present = counts.is_valid().to_numpy(zero_copy_only=False)
     numbers = counts.fill_null(0).to_numpy(zero_copy_only=False)

@@ -54,8 +54,8 @@ class Dialect:
 
 def of_line(line: str, default: str = "\t") -> Dialect:
     """Return the dialect of a line by the separator that it has most often; the default's if it has none."""
-    counts = {one: line.count(one) for one in _SEPARATORS}
-    best = max(counts, key=lambda one: counts[one])
+    counts = {separator: line.count(separator) for separator in _SEPARATORS}
+    best = max(counts, key=lambda separator: counts[separator])
     return Dialect(best if counts[best] else default)
 
 

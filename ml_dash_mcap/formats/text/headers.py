@@ -167,8 +167,8 @@ def seconds_at(moment: tuple[int, int, int, int, int, int], fraction: str, timez
         whole = datetime.datetime(*moment, tzinfo=zone).timestamp()
     except (ValueError, OverflowError):
         return None
-    found = whole + int(fraction.ljust(6, "0")[:6] or "0") / 1e6
-    return found if found >= 0 else None
+    seconds = whole + int(fraction.ljust(6, "0")[:6] or "0") / 1e6
+    return seconds if seconds >= 0 else None
 
 
 def check_on_bad(on_bad: str) -> None:

@@ -197,7 +197,7 @@ class Cells:
         for number in range(self.columns):
             column = table.column(number)
             if is_text[number]:
-                trimmed = [None if one is None else one.strip(BLANKS) or None for one in column.to_pylist()]
+                trimmed = [None if cell is None else cell.strip(BLANKS) or None for cell in column.to_pylist()]
                 texts[number] = trimmed
                 values[:, number] = np.nan
                 continue
@@ -236,11 +236,11 @@ class Cells:
             is_row = text.count(self.dialect.separator) >= self.columns - 1 if self.keeps_blank_rows else False
             if self.dialect.is_blank(text) and not is_row:
                 continue
-            row, wrong, said = self._line(text, number)
+            row, wrong, texts_by_column = self._line(text, number)
             rows.append(row)
             lines.append(number)
             for at, column in texts.items():
-                column.append(said.get(at))
+                column.append(texts_by_column.get(at))
             bad += wrong
         values = np.array(rows, np.float64).reshape(-1, self.columns)
         return self._without_blank(NumberPart(values, np.array(lines, np.int64), texts, chunk.at, bad))
@@ -263,7 +263,7 @@ class Cells:
             cells[at] = ""
         shifts = self.shifts or [0] * self.columns
         numbers = [self._number(cell, by, line, at) for at, (cell, by) in enumerate(zip(cells, shifts, strict=True), 1)]
-        return [math.nan if one is None else one for one in numbers], bad + numbers.count(None), texts
+        return [math.nan if value is None else value for value in numbers], bad + numbers.count(None), texts
 
     def _split(self, text: str, line: int) -> list[str]:
         """Return the cells of a line, whose number only an error message needs."""

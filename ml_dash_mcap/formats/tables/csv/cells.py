@@ -89,8 +89,8 @@ def _one(value: Any) -> str | None:
         return _quoted(base64.b64encode(value).decode("ascii"))
     if isinstance(value, float) and not math.isfinite(value):
         return _NOT_FINITE[str(value)]
-    said = to_text(value)
-    return text(said) if isinstance(value, (list, dict)) else said
+    spelling = to_text(value)
+    return text(spelling) if isinstance(value, (list, dict)) else spelling
 
 
 def _quoted(value: str) -> str:
@@ -103,15 +103,15 @@ def _numbers(array: pa.Array) -> pa.Array:
         return pa.array([], pa.string())
     filled = array.fill_null(0.0) if array.null_count else array
     values = np.ascontiguousarray(filled.to_numpy(zero_copy_only=False), np.float64)
-    said = np.frombuffer(orjson.dumps(values, option=orjson.OPT_SERIALIZE_NUMPY), np.uint8)[1:-1]
-    is_comma = said == _COMMA
+    json = np.frombuffer(orjson.dumps(values, option=orjson.OPT_SERIALIZE_NUMPY), np.uint8)[1:-1]
+    is_comma = json == _COMMA
     ends = np.flatnonzero(is_comma) - np.arange(len(values) - 1)
-    offsets = np.concatenate(([0], ends, [len(said) - len(values) + 1])).astype(np.int32)
-    found = pa.StringArray.from_buffers(len(values), pa.py_buffer(offsets), pa.py_buffer(said[~is_comma]))
+    offsets = np.concatenate(([0], ends, [len(json) - len(values) + 1])).astype(np.int32)
+    texts = pa.StringArray.from_buffers(len(values), pa.py_buffer(offsets), pa.py_buffer(json[~is_comma]))
     if not np.isfinite(values).all():
         spelt = [None if math.isfinite(value) else _NOT_FINITE[str(value)] for value in values.tolist()]
-        found = pc.coalesce(pa.array(spelt, pa.string()), found)
-    return pc.if_else(array.is_valid(), found, pa.scalar(None, pa.string())) if array.null_count else found
+        texts = pc.coalesce(pa.array(spelt, pa.string()), texts)
+    return pc.if_else(array.is_valid(), texts, pa.scalar(None, pa.string())) if array.null_count else texts
 
 
 def _texts(array: pa.Array) -> pa.Array:

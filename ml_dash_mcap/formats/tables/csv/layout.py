@@ -48,11 +48,11 @@ class CsvLayout:
 
     def cells(self, block: Block) -> list[pa.Array]:
         """Return the text of a block's rows, for each column of the header."""
-        found = [cells.of(Column(whole(block.columns[TIME_KEY].array)))]
+        columns = [cells.of(Column(whole(block.columns[TIME_KEY].array)))]
         for field, lengths in self._kept().items():
             column = block.columns.get(field) or Column(pa.nulls(block.count))
-            found += _spread(Column(whole(column.array), column.is_text), lengths or ())
-        return found
+            columns += _spread(Column(whole(column.array), column.is_text), lengths or ())
+        return columns
 
     def _widened(self, block: Block) -> dict[str, Shape]:
         widened = dict(self._shapes)

@@ -51,9 +51,11 @@ def record(src: Path, recorder: Recorder, options: CsvReadOptions, progress: Pro
     """
 
     def opened(path: Path) -> _CsvFile:
-        found = "csv" if path == src else detect(path)
-        if found != "csv":
-            raise ForeignFileError(path, f"it is no plain table but of the format {found!r}; convert it by itself")
+        format_name = "csv" if path == src else detect(path)
+        if format_name != "csv":
+            raise ForeignFileError(
+                path, f"it is no plain table but of the format {format_name!r}; convert it by itself"
+            )
         return _CsvFile(path, options)
 
     table_files.record(src, recorder, opened, options, progress, lambda path: path.stat().st_size // _ROW_BYTES)
@@ -120,9 +122,9 @@ class _CsvFile:
     def _widen(self, name: str, cells: pa.Array) -> None:
         numbers = csv_types.numbers(cells, self._decimal)
         if len(numbers):
-            found = pc.min_max(numbers).as_py()
-            low, high = self._ranges.get(name, (found["min"], found["max"]))
-            self._ranges[name] = (min(low, found["min"]), max(high, found["max"]))
+            limits = pc.min_max(numbers).as_py()
+            low, high = self._ranges.get(name, (limits["min"], limits["max"]))
+            self._ranges[name] = (min(low, limits["min"]), max(high, limits["max"]))
 
     def _cells(self, rows: CellRows, at: int) -> tuple[pa.Array, Any]:
         which = np.arange(at, rows.height * len(self._names), len(self._names))

@@ -132,8 +132,8 @@ class Tokens:
         for row, marks, end, first in self._rows(data, line, is_last=is_last):
             cut = end
             if is_header:
-                is_header = not any(one.strip() for one in row)
-            elif any(one.strip() for one in row) or any(marks):
+                is_header = not any(cell.strip() for cell in row)
+            elif any(cell.strip() for cell in row) or any(marks):
                 self._check_count(row, first)
                 missing = [b""] * (self.columns - len(row))
                 cells += (row + missing)[: self.columns]
@@ -155,18 +155,18 @@ class Tokens:
         marks: list[bool] = []
         start = at = 0
         while at < len(data):
-            found = self._cell.match(data, at)
-            assert found is not None  # the pattern matches nothing, too
-            inside, behind, plain, end = found.groups()
+            match = self._cell.match(data, at)
+            assert match is not None  # the pattern matches nothing, too
+            inside, behind, plain, end = match.groups()
             is_open = inside is None and data[at : at + 1] == b'"'
-            is_cut = not end or is_open or (end == b"\r" and found.end() == len(data))
+            is_cut = not end or is_open or (end == b"\r" and match.end() == len(data))
             if is_cut and not is_last:
                 return
             if is_open:
                 raise ForeignFileError(self.path, "a quote that begins in this row does not end", line)
             row.append(plain if inside is None else inside.replace(b'""', b'"') + behind)
             marks.append(inside is not None)
-            at = found.end()
+            at = match.end()
             if end == self._cut and (at < len(data) or not is_last):
                 continue
             if end == self._cut:  # the file ends with an empty cell
@@ -253,7 +253,7 @@ def separator_of(path: Path, encoding: str) -> str:
         if not rows or len(rows[0]) < 2:
             continue
         alike = sum(len(row) == len(rows[0]) for row in rows)
-        found = (alike * 100 // len(rows), len(rows[0]))
-        if found > score:
-            best, score = candidate, found
+        agreement = (alike * 100 // len(rows), len(rows[0]))
+        if agreement > score:
+            best, score = candidate, agreement
     return best

@@ -133,7 +133,9 @@ class _LinesFile:
 
     def _open(self, sample: list[dict[str, Any]]) -> Topic:
         options = self._options
-        has_dicts = any(isinstance(one, dict) and one for row in sample for key, one in row.items() if key != EXACT_KEY)
+        has_dicts = any(
+            isinstance(value, dict) and value for row in sample for key, value in row.items() if key != EXACT_KEY
+        )
         if has_dicts or options.time_column not in (None, self._own_time):
             self._own_time = None
         is_ours = self._own_time is not None
@@ -155,9 +157,9 @@ class _LinesFile:
         good = table_times.are_times(times)
         if not good.all() and self._options.on_bad == "raise":
             at = int((~good).argmax())
-            said = rows[at].get(self._time.name)
+            value = rows[at].get(self._time.name)
             hint = table_times.hint(float(times[at]))
-            what = f"the time is {said!r} under the key {self._time.name!r}, which is no time stamp; {hint}"
+            what = f"the time is {value!r} under the key {self._time.name!r}, which is no time stamp; {hint}"
             raise ForeignFileError(self._path, what, numbered[at][0])
         self._left_out += int((~good).sum())
         keeps = not (self._time.unit == "s" and self._time.is_number)
@@ -176,14 +178,16 @@ class _LinesFile:
         if self._own_time is not None:
             return _nested(restore(row), self._own_time)
         if TIME_KEY in row or EXACT_KEY in row:
-            return {FIELD_PREFIX + name if name in (TIME_KEY, EXACT_KEY) else name: one for name, one in row.items()}
+            return {
+                FIELD_PREFIX + name if name in (TIME_KEY, EXACT_KEY) else name: value for name, value in row.items()
+            }
         return row
 
     def _seconds(self, values: list[Any]) -> table_times.Floats:
         if self._time.is_number:
             by = table_times.UNITS[self._time.unit]
-            return np.array([one / by if type(one) in (int, float) else np.nan for one in values])
-        texts = pa.array([one if isinstance(one, str) else None for one in values], pa.string())
+            return np.array([value / by if type(value) in (int, float) else np.nan for value in values])
+        texts = pa.array([value if isinstance(value, str) else None for value in values], pa.string())
         return table_times.seconds(self._path, texts, self._time)
 
 
@@ -209,7 +213,7 @@ def _schema(sample: list[dict[str, Any]]) -> pa.Schema:
     for row in sample:
         for name, value in row.items():
             kinds.setdefault(name, set()).add(type(value))
-    return pa.schema([(name, _type(found - {type(None)})) for name, found in kinds.items()])
+    return pa.schema([(name, _type(value_types - {type(None)})) for name, value_types in kinds.items()])
 
 
 def _type(kinds: set[type]) -> pa.DataType:

@@ -91,7 +91,7 @@ class ParquetLayout:
 
     def _plan(self) -> tuple[pa.Schema, nested_columns.Tree, dict[str, tuple[str, pa.Field, Make]]]:
         """Return the schema, where the columns lie in it, and of each: what it is made of, its field, and how."""
-        made = [one for source, values in self._kept().items() for one in self._columns(source, values)]
+        made = [column for source, values in self._kept().items() for column in self._columns(source, values)]
         names = [FIELD_PREFIX + field.name if field.name == self._time_name else field.name for _, field, _ in made]
         columns = dict(zip(free_names(names), made, strict=True))
         literal = {FIELD_PREFIX + self._time_name, *self._literal}

@@ -88,10 +88,10 @@ class _ParquetFile:
         at = self.schema.names.index(column)
         for batch in self._of_column(column):
             array = batch.column(0 if batch.num_columns == 1 else at)
-            found = pc.min_max(array.dictionary_decode() if pa.types.is_dictionary(array.type) else array).as_py()
-            if found["min"] is not None:
-                low = found["min"] if low is None else min(low, found["min"])
-                high = found["max"] if high is None else max(high, found["max"])
+            limits = pc.min_max(array.dictionary_decode() if pa.types.is_dictionary(array.type) else array).as_py()
+            if limits["min"] is not None:
+                low = limits["min"] if low is None else min(low, limits["min"])
+                high = limits["max"] if high is None else max(high, limits["max"])
         return low, high
 
     def _of_column(self, column: str) -> Iterator[pa.RecordBatch]:

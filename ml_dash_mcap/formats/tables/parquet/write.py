@@ -130,16 +130,16 @@ class _Groups:
 
 def _texts(fields: Iterable[pa.Field], parent: str = "") -> list[str]:
     """Return the paths of text columns; dictionaries of numbers would cost time and make files larger."""
-    found: list[str] = []
-    for one in fields:
-        path, type_ = parent + one.name, one.type
+    paths: list[str] = []
+    for field in fields:
+        path, type_ = parent + field.name, field.type
         while pa.types.is_list(type_):
             path, type_ = f"{path}.list.element", type_.value_type
         if pa.types.is_struct(type_):
-            found += _texts([type_.field(at) for at in range(type_.num_fields)], path + ".")
+            paths += _texts([type_.field(at) for at in range(type_.num_fields)], path + ".")
         elif pa.types.is_string(type_):
-            found.append(path)
-    return found
+            paths.append(path)
+    return paths
 
 
 def _about(files: Sequence[File], info: TopicInfo, *, is_flat: bool) -> TableAbout:
@@ -160,5 +160,5 @@ def _about(files: Sequence[File], info: TopicInfo, *, is_flat: bool) -> TableAbo
 
 def _source(file: File) -> dict[str, str]:
     """Return what a file says about who recorded it; a foreign one says nothing."""
-    found = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
-    return {key: found[key] for key in ("prefix", "run", "host", "library") if key in found}
+    about = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
+    return {key: about[key] for key in ("prefix", "run", "host", "library") if key in about}
