@@ -12,17 +12,17 @@ Rows = tuple[Floats, Floats]
 """Time stamps, [N], s, ascending, and numbers, [N, C]."""
 
 
-def joined(one: Iterable[Rows], other: Iterable[Rows], widths: tuple[int, int]) -> Iterator[Rows]:
+def joined(left_rows: Iterable[Rows], right_rows: Iterable[Rows], widths: tuple[int, int]) -> Iterator[Rows]:
     """Yield the rows of two tables side by side, NaN where one of them has none; memory holds a part of each.
 
     The k-th row of a time in one table belongs to the k-th row of that time in the other.
 
     Args:
-        one: Rows, some at a time.
-        other: The same.
+        left_rows: Rows, some at a time.
+        right_rows: The same.
         widths: How many columns they have.
     """
-    left, right = _RowStream(one, widths[0]), _RowStream(other, widths[1])
+    left, right = _RowStream(left_rows, widths[0]), _RowStream(right_rows, widths[1])
     while True:
         bound = min(left.bound(), right.bound())
         first, second = left.take(bound), right.take(bound)
@@ -62,14 +62,14 @@ class _RowStream:
         return taken
 
 
-def _side_by_side(one: Rows, other: Rows) -> Rows:
-    one, other = _sorted(one), _sorted(other)
-    keys = [_numbered(times) for times in (one[0], other[0])]
+def _side_by_side(first: Rows, second: Rows) -> Rows:
+    first, second = _sorted(first), _sorted(second)
+    keys = [_numbered(times) for times in (first[0], second[0])]
     union, where = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
     where = where.reshape(-1)
-    values = np.full((len(union), one[1].shape[1] + other[1].shape[1]), np.nan)
-    values[where[: len(keys[0])], : one[1].shape[1]] = one[1]
-    values[where[len(keys[0]) :], one[1].shape[1] :] = other[1]
+    values = np.full((len(union), first[1].shape[1] + second[1].shape[1]), np.nan)
+    values[where[: len(keys[0])], : first[1].shape[1]] = first[1]
+    values[where[len(keys[0]) :], first[1].shape[1] :] = second[1]
     return union[:, 0], values
 
 

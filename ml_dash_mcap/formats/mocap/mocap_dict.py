@@ -47,7 +47,7 @@ def frame_rate(times: list[float]) -> float:
         times: Of the frames, ascending, in s. 0.0 is returned for fewer than two.
     """
     times_ns = np.unique(clock.to_nanoseconds_each(np.array(times, np.float64))).astype(np.int64)
-    found = spacing(times_ns)
-    if found.frames is not None:
-        return mean_rate(times_ns, found.frames)
+    distances = spacing(times_ns)
+    if distances.frames is not None:
+        return mean_rate(times_ns, distances.frames)
     return clock.NS_PER_S / float(np.median(np.diff(times_ns)))

@@ -46,9 +46,11 @@ class Note:
 def to_text(note: Note) -> str:
     """Spell a note as JSON of ASCII characters, on one line."""
     topics: dict[str, Any] = {}
-    for one in note.placements:
-        said = topics.setdefault(one.topic, {"fields": [], "metadata": dict(note.metadata.get(one.topic, {}))})
-        said["fields"].append([list(one.path), list(one.shape), list(one.columns)])
+    for placement in note.placements:
+        about = topics.setdefault(
+            placement.topic, {"fields": [], "metadata": dict(note.metadata.get(placement.topic, {}))}
+        )
+        about["fields"].append([list(placement.path), list(placement.shape), list(placement.columns)])
     parts = {"v": _VERSION, "origin": note.origin, "up": note.up, "topics": topics, "joints": note.joints}
     text = orjson.dumps(parts).decode()
     return "".join(letter if " " <= letter <= "~" else _escape(letter) for letter in text)
@@ -67,24 +69,26 @@ def from_text(text: str, columns: int) -> Note | None:
         columns: How many columns the file has, without those of frame and time.
     """
     try:
-        said = orjson.loads(text)
-        if said["v"] != _VERSION:
+        parsed = orjson.loads(text)
+        if parsed["v"] != _VERSION:
             return None
         placements = tuple(
             Placement(topic, tuple(map(str, path)), tuple(map(int, shape)), tuple(map(int, where)))
-            for topic, one in said["topics"].items()
-            for path, shape, where in one["fields"]
+            for topic, about in parsed["topics"].items()
+            for path, shape, where in about["fields"]
         )
-        metadata = {topic: dict(one["metadata"]) for topic, one in said["topics"].items()}
-        joints = None if said["joints"] is None else str(said["joints"])
+        metadata = {topic: dict(about["metadata"]) for topic, about in parsed["topics"].items()}
+        joints = None if parsed["joints"] is None else str(parsed["joints"])
         note = Note(
-            float(said["origin"]), None if said["up"] is None else str(said["up"]), placements, metadata, joints
+            float(parsed["origin"]), None if parsed["up"] is None else str(parsed["up"]), placements, metadata, joints
         )
     except (ValueError, TypeError, KeyError, AttributeError):
         return None
     is_sound = all(
-        len(one.columns) == math.prod(one.shape) and one.path and all(0 <= at < columns for at in one.columns)
-        for one in placements
+        len(placement.columns) == math.prod(placement.shape)
+        and placement.path
+        and all(0 <= at < columns for at in placement.columns)
+        for placement in placements
     )
     return note if is_sound and 0 <= note.origin < math.inf else None
 
@@ -103,7 +107,7 @@ class Placing:
             thing: What was written.
             columns: Of its `position`, `rotation` (x y z w), `error` or `value`, as far as they were written.
         """
-        where = {name: list(found) for name, found in columns.items()}
+        where = {name: list(places) for name, places in columns.items()}
         if isinstance(thing, Joint):
             self._put(thing.topic, thing.value, where.get("value", []))
         elif isinstance(thing, Marker):
@@ -131,11 +135,11 @@ class Placing:
 
     def placements(self) -> tuple[Placement, ...]:
         """Return the fields; of one that was written in part, that part, as a vector below its name."""
-        found: list[Placement] = []
+        whole: list[Placement] = []
         for (topic, path), (shape, places) in self._fields.items():
             written = tuple(place for place in places if place >= 0)
             if len(written) == len(places):
-                found.append(Placement(topic, path, shape, written))
+                whole.append(Placement(topic, path, shape, written))
             else:
-                found.append(Placement(topic, (*path, "pos"), (len(written),), written))
-        return (*found, *self._parts)
+                whole.append(Placement(topic, (*path, "pos"), (len(written),), written))
+        return (*whole, *self._parts)

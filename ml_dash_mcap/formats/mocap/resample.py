@@ -31,21 +31,21 @@ def at(times: Floats, values: Floats, wanted: Floats, longest_gap_s: float, how:
     """
     present = ~np.isnan(values).any(axis=1)
     times, values = times[present], values[present]
-    found = np.full((len(wanted), values.shape[1]), np.nan)
+    placed = np.full((len(wanted), values.shape[1]), np.nan)
     if not len(times):
-        return found
+        return placed
     before = np.searchsorted(times, wanted, side="right") - 1
     after = np.minimum(before + 1, len(times) - 1)
     clipped = np.maximum(before, 0)
     exact = (before >= 0) & (times[clipped] == wanted)
-    found[exact] = values[before[exact]]
+    placed[exact] = values[before[exact]]
     if how == "hold":
         near = (before >= 0) & (wanted - times[clipped] <= longest_gap_s)
-        found[near] = values[before[near]]
-        return found
+        placed[near] = values[before[near]]
+        return placed
     inside = ~exact & (before >= 0) & (after > before) & (times[after] - times[clipped] <= longest_gap_s)
     first, second = before[inside], after[inside]
     weights = (wanted[inside] - times[first]) / (times[second] - times[first])
     between = linear if how == "linear" else slerp
-    found[inside] = between(values[first], values[second], weights)
-    return found
+    placed[inside] = between(values[first], values[second], weights)
+    return placed

@@ -19,12 +19,14 @@ def shifts(note: Note, decimals: int, columns: int, lengths: Collection[int]) ->
         columns: How many there are.
         lengths: Those of them that are lengths.
     """
-    found = [-decimals if at in lengths else 0 for at in range(columns)]
-    for one in note.placements:
-        for at in one.columns:
+    shifts_by_column = [-decimals if at in lengths else 0 for at in range(columns)]
+    for placement in note.placements:
+        for at in placement.columns:
             if at in lengths:
-                found[at] += DECIMALS[unit_of(note.metadata.get(one.topic, {}), ".".join(one.path))]
-    return found
+                shifts_by_column[at] += DECIMALS[
+                    unit_of(note.metadata.get(placement.topic, {}), ".".join(placement.path))
+                ]
+    return shifts_by_column
 
 
 def turn_back(
@@ -40,7 +42,7 @@ def turn_back(
     """
     if note.up is None:
         return
-    topics = {at: one.topic for one in note.placements for at in one.columns}
+    topics = {at: placement.topic for placement in note.placements for at in placement.columns}
     for group in points:
         up = _up(note, topics.get(group[0]))
         numbers[:, group] = turned(numbers[:, group], note.up, up)

@@ -39,8 +39,8 @@ class Timing:
     def stamps(self, frames: Floats, printed: Floats) -> Floats:
         """Return the time stamps of rows, [N], s."""
         times = printed if self.rate is None else self.base + (frames - self.first) / self.rate
-        found = self.origin + times
-        return found + self.shift if self.shift else found
+        stamps = self.origin + times
+        return stamps + self.shift if self.shift else stamps
 
     @property
     def metadata(self) -> dict[str, Any]:
@@ -91,11 +91,11 @@ def find(clue: Clue, cells: Cells, file: BinaryIO, line: int, origin: float) -> 
     if clue.rate and clue.rate > 0 and (_is_coarse(cells, clue, head) or _is_coarse(cells, clue, tail)):
         grid = max(_grid(cells, clue.time, head), _grid(cells, clue.time, tail))
         at = file.tell()
-        found = _by_frames(clue, cells.read(file, line), grid)
+        timing = _by_frames(clue, cells.read(file, line), grid)
         cells.bad = 0
         file.seek(at)
-        if found is not None:
-            return replace(found, origin=origin)
+        if timing is not None:
+            return replace(timing, origin=origin)
     return Timing(origin)
 
 
@@ -108,10 +108,10 @@ def not_below_zero(path: Path, timing: Timing, first_s: Iterable[float], *, is_a
         first_s: The first time stamps of its tables by that timing, in s.
         is_asked: Whether the caller said the time stamp of time 0: then nothing is moved.
     """
-    known = [time for time in first_s if time == time]
-    if is_asked or not known or min(known) >= 0:
+    stamps = [time for time in first_s if time == time]
+    if is_asked or not stamps or min(stamps) >= 0:
         return timing
-    shift = -min(known)
+    shift = -min(stamps)
     warnings.warn(
         f"{path}: its times begin at {-shift!r} s, and those of a recording at 0: all are moved by {shift!r} s, which"
         " the topics' metadata say as time_shift_s; pass start= to say the time stamp of time 0",
@@ -163,14 +163,14 @@ def _by_frames(clue: Clue, parts: Iterable[NumberPart], grid: float) -> Timing |
     for part in parts:
         frames, times = clue.frames(part.values, row), part.values[:, clue.time]
         row += len(times)
-        known = ~np.isnan(times)
+        has_time = ~np.isnan(times)
         if np.isnan(frames).any() or frames[0] <= last or (np.diff(frames) <= 0).any():
             return None
         last = float(frames[-1])
-        if first is None and known.any():
-            at = int(known.argmax())
+        if first is None and has_time.any():
+            at = int(has_time.argmax())
             first = float(frames[at]), float(times[at])
-        off = (times - frames / clue.rate)[known]
+        off = (times - frames / clue.rate)[has_time]
         low, high = min(low, off.min(initial=np.inf)), max(high, off.max(initial=-np.inf))
     if first is None:
         return None

@@ -96,9 +96,9 @@ class Samples:
     def _column(self, block: Block, name: str, shape: tuple[int, ...], times: Floats) -> Any:
         column, size = block.columns[name], math.prod(shape)
         if not column.is_text:
-            found = numpy_columns.from_table(to_table([_only(block, name)]))[name]
-            if found.dtype.kind in "fiub" and found.shape[1:] == shape:
-                return numpy_columns.doubles(found).reshape(block.count, size)
+            array = numpy_columns.from_table(to_table([_only(block, name)]))[name]
+            if array.dtype.kind in "fiub" and array.shape[1:] == shape:
+                return numpy_columns.doubles(array).reshape(block.count, size)
         flat = np.full((block.count, size), np.nan)
         for row, value in enumerate(values_of(column)):
             if value is not None:
@@ -108,16 +108,16 @@ class Samples:
     def _odd(self, value: Any, name: str, shape: tuple[int, ...], time: float) -> Any:
         """Return one row's value out of a column that is no plain array."""
         try:
-            found = np.array(value, np.float64)
+            numbers = np.array(value, np.float64)
         except (TypeError, ValueError):
-            found = np.empty(0)
-        if found.shape != shape:
+            numbers = np.empty(0)
+        if numbers.shape != shape:
             wanted = f"{' x '.join(map(str, shape))} numbers" if shape else "a number"
             raise ConversionError(
                 f"topic {self._topic!r}, field {name!r}, _ts={time!r}: {_short(value)} is not {wanted} as in the"
                 " topic's other rows; leave these rows out by start= and end="
             )
-        return found.reshape(-1)
+        return numbers.reshape(-1)
 
 
 def _only(block: Block, name: str) -> Block:

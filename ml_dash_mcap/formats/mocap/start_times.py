@@ -87,19 +87,19 @@ def read(path: Path, text: str, what: str, timezone: str) -> float | None:
     seconds_at((2000, 1, 1, 0, 0, 0), "", timezone)
     if not text.strip():
         return None
-    found = _seconds(text, timezone)
-    if found is None:
+    seconds = _seconds(text, timezone)
+    if seconds is None:
         warnings.warn(
             f"{path}: {what} {text.strip()!r} is not understood, so the time stamps count from 0; pass start= to say"
             " the time stamp of the file's time 0",
             ConversionWarning,
             stacklevel=4,
         )
-    return found
+    return seconds
 
 
 def _seconds(text: str, timezone: str) -> float | None:
-    date, order = next(((found, order) for pattern, order in _DATES if (found := pattern.search(text))), (None, ()))
+    date, order = next(((match, order) for pattern, order in _DATES if (match := pattern.search(text))), (None, ()))
     if date is None:
         return None
     rest = text[: date.start()] + " " + text[date.end() :]
@@ -121,4 +121,4 @@ def _seconds(text: str, timezone: str) -> float | None:
 def _plain(text: str) -> str:
     """Return the letters of a word in small ones, without blanks, points, commas and quotes of any kind."""
     composed = unicodedata.normalize("NFC", text.casefold())
-    return "".join(one for one in composed if unicodedata.category(one)[0] in "LM")
+    return "".join(letter for letter in composed if unicodedata.category(letter)[0] in "LM")

@@ -16,13 +16,13 @@ def by_topic(placements: Sequence[Placement], units: Sequence[str]) -> dict[str,
         placements: Of the fields.
         units: Of each column, as the file spells it; "" for none.
     """
-    found: dict[str, dict[str, str]] = {}
-    for one in placements:
-        said = {units[at] for at in one.columns} - {""}
-        if len(said) == 1:
-            unit = said.pop()
-            found.setdefault(one.topic, {})[".".join(one.path)] = "m" if is_length(unit) else unit
-    return found
+    units_by_topic: dict[str, dict[str, str]] = {}
+    for placement in placements:
+        stated = {units[at] for at in placement.columns} - {""}
+        if len(stated) == 1:
+            unit = stated.pop()
+            units_by_topic.setdefault(placement.topic, {})[".".join(placement.path)] = "m" if is_length(unit) else unit
+    return units_by_topic
 
 
 def is_length(unit: str) -> bool:
@@ -52,8 +52,8 @@ def of_parents(units: Mapping[str, str]) -> dict[str, str]:
     groups: dict[str, set[str]] = {}
     for name, unit in units.items():
         groups.setdefault(name.partition(".")[0], set()).add(unit)
-    found: dict[str, str] = {}
+    of_parent: dict[str, str] = {}
     for name, unit in units.items():
         parent = name.partition(".")[0]
-        found[parent if len(groups[parent]) == 1 else name] = unit
-    return found
+        of_parent[parent if len(groups[parent]) == 1 else name] = unit
+    return of_parent

@@ -66,7 +66,7 @@ class TableText:
 
     def heads(self, frames: npt.NDArray[np.int64], times: Floats, *more: str) -> list[bytes]:
         """Spell the frame and the time of each row, and what all rows have behind them."""
-        behind = [repeat(one.encode(), len(frames)) for one in more]
+        behind = [repeat(text.encode(), len(frames)) for text in more]
         return list(map(self._separator.join, zip(numbers(frames), self.times(times), *behind, strict=True)))
 
     def times(self, times: Floats) -> list[bytes]:
@@ -98,7 +98,9 @@ class TableText:
         missing = self._missing.decode()
         join = self._separator.decode().join
         return [
-            join([missing if one != one else shifted(one, by) for one, by in zip(row, shifts, strict=True)]).encode()
+            join(
+                [missing if number != number else shifted(number, by) for number, by in zip(row, shifts, strict=True)]
+            ).encode()
             for row in values.tolist()
         ]
 

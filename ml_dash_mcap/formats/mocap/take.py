@@ -93,9 +93,9 @@ class OutgoingTake:
         topics = dict.fromkeys(thing.topic for thing in self.things if not isinstance(thing, Joint))
         ups = {topic: space.up_of(self.job.topics[topic].metadata) for topic in topics}
         if self.options.up is None and len(set(ups.values())) > 1:
-            said = ", ".join(f"{up} in {topic!r}" for topic, up in ups.items())
+            axes = ", ".join(f"{up} in {topic!r}" for topic, up in ups.items())
             warnings.warn(
-                f"the topics have different axes that point up ({said}), and nothing is turned; pass up='z' or 'y'",
+                f"the topics have different axes that point up ({axes}), and nothing is turned; pass up='z' or 'y'",
                 ConversionWarning,
                 stacklevel=2,
             )

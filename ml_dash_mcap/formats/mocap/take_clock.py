@@ -89,15 +89,15 @@ class Clock:
         samples = self._find(times)
         again = np.arange(len(samples)) - np.searchsorted(samples, samples)
         samples = np.minimum(samples + again, len(self.times_ns) - 1)
-        found = self.numbers[samples]
-        wrong = np.flatnonzero((np.diff(found) == 0) | (self.times_ns[samples] != self.times_ns[samples - again])[1:])
+        numbers = self.numbers[samples]
+        wrong = np.flatnonzero((np.diff(numbers) == 0) | (self.times_ns[samples] != self.times_ns[samples - again])[1:])
         if len(wrong):
             at = int(wrong[0])
             raise ConversionError(
                 f"topic {topic!r}: its rows at _ts={float(times[at])!r} and {float(times[at + 1])!r} are in the same"
                 " nanosecond; pass rate= to resample"
             )
-        return found
+        return numbers
 
     def _find(self, times: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
         """Return which sample each time is; of several at one time, the first."""
@@ -138,20 +138,20 @@ def find(
         raise ConversionError("there are no rows to export in this time range")
     if needs_even and rate is None:
         _refuse_same(times)
-    spacings = {topic: frames.spacing(np.unique(found)) for topic, found in times.items()}
-    medians = {topic: one.median_ns for topic, one in spacings.items()}
+    spacings = {topic: frames.spacing(np.unique(times_ns)) for topic, times_ns in times.items()}
+    medians = {topic: spacing.median_ns for topic, spacing in spacings.items()}
     medians.update((topic, 0.0) for topic in topics if topic not in medians)
     union = _union(list(times.values()))
     first_s = _first(job, times)
-    started = {topic: found for topic, found in every.items() if len(found)}
-    last_ns = max(int(found[-1]) for found in started.values())
+    started = {topic: times_ns for topic, times_ns in every.items() if len(times_ns)}
+    last_ns = max(int(times_ns[-1]) for times_ns in started.values())
     origin = frames.exact_origin(_first(job, started), clocks.to_seconds(last_ns + 1))
     if rate is None:
         numbers = _numbers(union, spacings) if needs_even else np.arange(len(union))
         mean = frames.mean_rate(union, numbers)
         return Clock(origin, mean, int(numbers[-1]) + 1, False, medians, union, numbers, first_s)
-    known = [median for median in medians.values() if median]
-    hz = float(rate) if rate != "median" else (NS_PER_S / min(known) if known else 0.0)
+    distances = [median for median in medians.values() if median]
+    hz = float(rate) if rate != "median" else (NS_PER_S / min(distances) if distances else 0.0)
     count = frames.count_at(hz, first_s, clocks.to_seconds(int(union[-1]))) if hz else 1
     none: npt.NDArray[np.int64] = np.empty(0, np.int64)
     return Clock(origin, hz, count, True, medians, none, none, first_s)
@@ -160,11 +160,11 @@ def find(
 def _times(job: Job, topic: str, low: int, high: int) -> npt.NDArray[np.int64]:
     """Return the times of a topic's rows, ascending, in ns; those of a track merge where their doubles are the same."""
     stored = job.stored(topic)
-    found = np.sort(stored.times(low, high).astype(np.int64))
-    if not stored.is_track or np.diff(found).all():
-        return found
-    distinct = np.unique(found)
-    is_whole = len(found) == len(stored.times())
+    times_ns = np.sort(stored.times(low, high).astype(np.int64))
+    if not stored.is_track or np.diff(times_ns).all():
+        return times_ns
+    distinct = np.unique(times_ns)
+    is_whole = len(times_ns) == len(stored.times())
     if is_whole and counts.count(stored) == len(distinct):
         return distinct
     stamps = np.array([row[TIME_KEY] for row in job.part(topic).rows()], np.float64)
@@ -173,20 +173,23 @@ def _times(job: Job, topic: str, low: int, high: int) -> npt.NDArray[np.int64]:
 
 def _union(times: list[npt.NDArray[np.int64]]) -> npt.NDArray[np.int64]:
     """Return all times, ascending; one that a topic has several times as often as the topic that has it most often."""
-    if all(np.diff(found).all() for found in times):
+    if all(np.diff(times_ns).all() for times_ns in times):
         return np.unique(np.concatenate(times))
-    numbered = [np.stack((found, np.arange(len(found)) - np.searchsorted(found, found)), axis=1) for found in times]
+    numbered = [
+        np.stack((times_ns, np.arange(len(times_ns)) - np.searchsorted(times_ns, times_ns)), axis=1)
+        for times_ns in times
+    ]
     return np.unique(np.concatenate(numbered), axis=0)[:, 0]
 
 
 def _refuse_same(times: dict[str, npt.NDArray[np.int64]]) -> None:
     """Raise ConversionError for rows of one topic that have the same time, where each frame has one of its own."""
-    for topic, found in times.items():
-        same = np.flatnonzero(np.diff(found) == 0)
+    for topic, times_ns in times.items():
+        same = np.flatnonzero(np.diff(times_ns) == 0)
         if len(same):
             raise ConversionError(
                 f"topic {topic!r}: {len(same)} of its rows have the time of the row before, for the first time at"
-                f" _ts={clocks.to_seconds(int(found[same[0]]))!r}, and a file of frames has no place for both; pass"
+                f" _ts={clocks.to_seconds(int(times_ns[same[0]]))!r}, and a file of frames has no place for both; pass"
                 " rate= to resample, or export it as 'sto', 'csv' or layout='wide', which have"
             )
 
@@ -202,27 +205,27 @@ def check_rate(rate: Rate) -> None:
 
 def _first(job: Job, times: dict[str, npt.NDArray[np.int64]]) -> float:
     """Return the exact time stamp of the first row of several topics, in s."""
-    first_ns = min(found[0] for found in times.values())
-    starting = [topic for topic, found in times.items() if found[0] == first_ns]
+    first_ns = min(times_ns[0] for times_ns in times.values())
+    starting = [topic for topic, times_ns in times.items() if times_ns[0] == first_ns]
     return min(float(next(job.part(topic).rows())[TIME_KEY]) for topic in starting)
 
 
 def _numbers(union: npt.NDArray[np.int64], spacings: dict[str, Spacing]) -> npt.NDArray[np.int64]:
     both = frames.spacing(union)
     if both.frames is None:
-        named = next(((topic, one) for topic, one in spacings.items() if one.frames is None), None)
+        named = next(((topic, spacing) for topic, spacing in spacings.items() if spacing.frames is None), None)
         if named is None:
             names = " and ".join(repr(topic) for topic in spacings)
-            said = f"the topics {names} are evenly spaced each, but not at the same times"
+            reason = f"the topics {names} are evenly spaced each, but not at the same times"
         else:
-            topic, one = named
-            said = (
-                f"topic {topic!r} is not evenly spaced: its rows are {one.shortest_ns / 1e6:.6g} to"
-                f" {one.longest_ns / 1e6:.6g} ms apart (median {one.median_ns / 1e6:.6g} ms), for the first time at"
-                f" _ts={clocks.to_seconds(one.worst_ns)!r}"
+            topic, spacing = named
+            reason = (
+                f"topic {topic!r} is not evenly spaced: its rows are {spacing.shortest_ns / 1e6:.6g} to"
+                f" {spacing.longest_ns / 1e6:.6g} ms apart (median {spacing.median_ns / 1e6:.6g} ms), for the first time"
+                f" at _ts={clocks.to_seconds(spacing.worst_ns)!r}"
             )
-        mean = max(one.rate for one in spacings.values())
-        raise ConversionError(f"{said}; pass rate={mean:.3g} or rate='median' to resample")
+        mean = max(spacing.rate for spacing in spacings.values())
+        raise ConversionError(f"{reason}; pass rate={mean:.3g} or rate='median' to resample")
     if frames.too_sparse(both.frames):
         raise ConversionError(
             f"{len(both.frames)} rows would become {int(both.frames[-1]) + 1} frames, for there are gaps between them;"

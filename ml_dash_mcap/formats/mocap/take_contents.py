@@ -18,15 +18,15 @@ from ..export_job import Job
 
 def found_in(job: Job, quat_order: str | None) -> dict[str, Objects]:
     """Return the objects of each topic of a job, also of those that have none."""
-    found: dict[str, Objects] = {}
+    objects: dict[str, Objects] = {}
     for topic, info in job.topics.items():
         if info.metadata.get("quat_order") not in (None, *rotations.ORDERS):
             raise ConversionError(
                 f"topic {topic!r}: its metadata says quat_order={info.metadata['quat_order']!r}; 'xyzw' and 'wxyz' are"
                 " known. Pass quat_order="
             )
-        found[topic] = mocap_objects.find(topic, numeric(job, topic), info.metadata, quat_order)
-    return found
+        objects[topic] = mocap_objects.find(topic, numeric(job, topic), info.metadata, quat_order)
+    return objects
 
 
 def numeric(job: Job, topic: str) -> dict[mocap_objects.Path, tuple[int, ...]]:
@@ -36,19 +36,19 @@ def numeric(job: Job, topic: str) -> dict[mocap_objects.Path, tuple[int, ...]]:
     the length that it should have: reading it finds the row that differs.
     """
     info = job.topics[topic]
-    found: dict[mocap_objects.Path, tuple[int, ...]] = {}
-    for name, one in info.fields.items():
-        shape = tuple(length for length in one.shape if length is not None)
+    shapes: dict[mocap_objects.Path, tuple[int, ...]] = {}
+    for name, field in info.fields.items():
+        shape = tuple(length for length in field.shape if length is not None)
         path = _path(name, info.schema)
-        if one.type in ("number", "integer") and len(shape) == len(one.shape):
-            found[path] = shape
-        elif is_ragged(one):
+        if field.type in ("number", "integer") and len(shape) == len(field.shape):
+            shapes[path] = shape
+        elif is_ragged(field):
             shape = mocap_objects.expected(path) or ()
             if not shape and mocap_objects.is_joints(path, info.metadata):
                 shape = _first_shape(job, topic, name)
             if shape:
-                found[path] = shape
-    return found
+                shapes[path] = shape
+    return shapes
 
 
 def is_ragged(field: Field) -> bool:
@@ -96,14 +96,14 @@ def every_number(job: Job, topic: str) -> list[Joint]:
                 ConversionWarning,
                 stacklevel=2,
             )
-    found: list[Joint] = []
+    joints: list[Joint] = []
     for path, shape in shapes.items():
         name = ".".join(path)
         if not shape:
-            found.append(Joint(name, topic, NumberSource((path,), ())))
+            joints.append(Joint(name, topic, NumberSource((path,), ())))
             continue
         indices = np.ndindex(*shape)
         for number, index in enumerate(indices):
             label = ".".join((name, *map(str, index)))
-            found.append(Joint(label, topic, NumberSource((path,), shape, number, number + 1)))
-    return found
+            joints.append(Joint(label, topic, NumberSource((path,), shape, number, number + 1)))
+    return joints

@@ -201,7 +201,7 @@ class C3dWriteOptions(TakeOptions):
         super().__post_init__()
 
 
-def check(name: str, value: object, known: tuple[str, ...]) -> None:
+def check(name: str, value: object, choices: tuple[str, ...]) -> None:
     """Raise OptionError if an option has none of the values that there are."""
-    if value not in known:
-        raise OptionError(f"{name}={value!r}: pass one of {', '.join(map(repr, known))}")
+    if value not in choices:
+        raise OptionError(f"{name}={value!r}: pass one of {', '.join(map(repr, choices))}")

@@ -38,11 +38,11 @@ class Points:
 
     def of(self, values: Floats) -> Floats:
         """Return the points among a window's values, [N, 3 M]; one without all of its numbers is missing."""
-        found = values[:, self.columns]
-        partial = np.isnan(found.reshape(len(found), -1, 3)).any(axis=2)
+        points = values[:, self.columns]
+        partial = np.isnan(points.reshape(len(points), -1, 3)).any(axis=2)
         if partial.any():
-            found[np.repeat(partial, 3, axis=1)] = np.nan
-        return found
+            points[np.repeat(partial, 3, axis=1)] = np.nan
+        return points
 
 
 def find(job: Job, options: TakeOptions, unit: str, *, with_rotations: bool = False) -> Points:
@@ -59,11 +59,11 @@ def find(job: Job, options: TakeOptions, unit: str, *, with_rotations: bool = Fa
         ConversionError: There are no points, or no clock to write them on.
     """
     refuse_existing(job.dest)
-    found = found_in(job, options.quat_order)
-    bodies = [body for one in found.values() for body in one.bodies]
-    markers = [marker for one in found.values() for marker in one.markers]
+    objects = found_in(job, options.quat_order)
+    bodies = [body for of_topic in objects.values() for body in of_topic.bodies]
+    markers = [marker for of_topic in objects.values() for marker in of_topic.markers]
     if not bodies and not markers:
-        raise ConversionError(nothing(job, any(one.joints for one in found.values())))
+        raise ConversionError(nothing(job, any(of_topic.joints for of_topic in objects.values())))
     things: list[Thing] = [*bodies, *markers]
     clock = rates.find(job, [thing.topic for thing in things], options.rate)
     take = OutgoingTake(job, options, things, clock)

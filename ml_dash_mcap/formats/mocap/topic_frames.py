@@ -61,7 +61,7 @@ class TopicFrames:
         self._metadata = metadata
         self._up = space.up_of(metadata)
         self._to = options.up or self._up
-        self._samples = Samples(part, [one for thing, _ in things for one, _, _ in parts_of(thing)], counter)
+        self._samples = Samples(part, [source for thing, _ in things for source, _, _ in parts_of(thing)], counter)
         copied: list[tuple[int, int]] = []
         self._others: list[tuple[Thing, int, NumberSource, int, str]] = []
         for thing, at in things:
@@ -89,17 +89,21 @@ class TopicFrames:
         """
         clock = self._clock
         gap = longest_gap_s(clock.medians_ns[self._name]) if clock.is_resampled else _NEAR_S
-        found_times, found = self._samples.between(float(times[0]) - gap, float(times[-1]) + gap)
+        found_times, numbers_read = self._samples.between(float(times[0]) - gap, float(times[-1]) + gap)
         rows: Any = slice(None)
         if not clock.is_resampled:
             frames = clock.frames_of(found_times, self._name)
             low, high = np.searchsorted(frames, (first, first + len(times)))
-            rows, found_times, found = _as_slice(frames[low:high] - first), found_times[low:high], found[low:high]
+            rows, found_times, numbers_read = (
+                _as_slice(frames[low:high] - first),
+                found_times[low:high],
+                numbers_read[low:high],
+            )
             times[rows] = found_times
         for source_columns, columns in self._copied:
-            values[rows, columns] = found[:, source_columns]
+            values[rows, columns] = numbers_read[:, source_columns]
         for thing, at, source, offset, how in self._others:
-            numbers = self._prepared(thing, source, how, found[:, self._samples.places(source)], found_times)
+            numbers = self._prepared(thing, source, how, numbers_read[:, self._samples.places(source)], found_times)
             for part, column, kind in _split(numbers, offset, how):
                 placed = resample.at(found_times, part, times, gap, kind) if clock.is_resampled else part
                 if kind == "slerp" and self._options.canonical:
@@ -123,9 +127,9 @@ class TopicFrames:
             bad = rotations.not_unit(numbers)
             self._judge(bad, numbers, thing, source, times)
             self._suspect(thing, numbers)
-            found = rotations.normalised(rotations.to_xyzw(numbers, thing.order))
-            found[bad] = np.nan
-            return space.turned_rotations(found, self._up, self._to)
+            quaternions = rotations.normalised(rotations.to_xyzw(numbers, thing.order))
+            quaternions[bad] = np.nan
+            return space.turned_rotations(quaternions, self._up, self._to)
         return space.turned(numbers, self._up, self._to) if how == "point" else numbers
 
     def _judge(
@@ -165,11 +169,11 @@ class TopicFrames:
 def _runs(pairs: Sequence[tuple[int, int]]) -> list[tuple[slice, slice]]:
     """Join pairs of columns that lie side by side on both sides."""
     runs: list[tuple[slice, slice]] = []
-    for one, other in pairs:
-        if runs and (runs[-1][0].stop, runs[-1][1].stop) == (one, other):
-            runs[-1] = slice(runs[-1][0].start, one + 1), slice(runs[-1][1].start, other + 1)
+    for place, column in pairs:
+        if runs and (runs[-1][0].stop, runs[-1][1].stop) == (place, column):
+            runs[-1] = slice(runs[-1][0].start, place + 1), slice(runs[-1][1].start, column + 1)
         else:
-            runs.append((slice(one, one + 1), slice(other, other + 1)))
+            runs.append((slice(place, place + 1), slice(column, column + 1)))
     return runs
 
 

@@ -52,11 +52,13 @@ class Arrays:
         self._topics: dict[str, list[Placement]] = {}
         self._present: dict[str, set[int]] = {}
         about: dict[str, Mapping[str, Any]] = {}
-        for at, (one, before) in enumerate(zip(foreign_names.accepted(path, placements), placements, strict=True)):
-            self._topics.setdefault(one.topic, []).append(one)
+        for at, (placement, before) in enumerate(
+            zip(foreign_names.accepted(path, placements), placements, strict=True)
+        ):
+            self._topics.setdefault(placement.topic, []).append(placement)
             if present:
-                self._present.setdefault(one.topic, set()).update(present[at])
-            about.setdefault(one.topic, metadata.get(before.topic) or {})
+                self._present.setdefault(placement.topic, set()).update(present[at])
+            about.setdefault(placement.topic, metadata.get(before.topic) or {})
         self._tracks = {
             name: open_topic(recorder, name, MESSAGE, Topic, TopicAbout(metadata=about[name] or None))
             for name in self._topics
@@ -75,7 +77,7 @@ class Arrays:
         for topic, placements in self._topics.items():
             keep: Any = slice(None)
             if self._skip_empty or self._present:
-                telling = [column for one in placements for column in one.columns]
+                telling = [column for placement in placements for column in placement.columns]
                 there = ~gaps[:, telling if self._skip_empty else sorted(self._present[topic])].all(axis=1)
                 if not there.any():
                     continue
@@ -87,26 +89,26 @@ class Arrays:
                 )
                 continue
             fields: dict[str, Any] = {}
-            for one in placements:
-                shape = (len(chosen), *one.shape)
-                numbers = values[keep, :][:, one.columns].reshape(shape)
+            for placement in placements:
+                shape = (len(chosen), *placement.shape)
+                numbers = values[keep, :][:, placement.columns].reshape(shape)
                 missing = np.isnan(numbers)
-                _put(fields, one.path, np.ma.MaskedArray(numbers, missing) if missing.any() else numbers)
+                _put(fields, placement.path, np.ma.MaskedArray(numbers, missing) if missing.any() else numbers)
             self._tracks[topic].append_columns(_ts=chosen, **fields)
 
     def _append_rows(self, topic: str, times: Floats, values: Floats, text: Sequence[str | None]) -> None:
         """Append rows that have text beside their numbers."""
         rows: list[dict[str, Any]] = [{"_ts": time} for time in times.tolist()]
-        for one in self._topics[topic]:
-            numbers = values[:, one.columns]
+        for placement in self._topics[topic]:
+            numbers = values[:, placement.columns]
             missing = np.isnan(numbers)
             values_of_rows = numbers.astype(object)
             values_of_rows[missing] = None
-            listed: list[Any] = values_of_rows.reshape(len(rows), *one.shape).tolist()
+            listed: list[Any] = values_of_rows.reshape(len(rows), *placement.shape).tolist()
             absent: list[bool] = np.atleast_1d(missing.all(axis=1)).tolist()
             for row, value, is_absent in zip(rows, listed, absent, strict=True):
                 if not is_absent:
-                    _put(row, one.path, value)
+                    _put(row, placement.path, value)
         for row, code in zip(rows, text, strict=True):
             if code is not None:
                 row[TEXT_FIELD] = code

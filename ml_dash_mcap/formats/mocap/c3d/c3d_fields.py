@@ -46,7 +46,7 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> C3dFi
         unit: Of the file's lengths.
         topic: Of markers that belong to no set.
     """
-    found = C3dFields(rotation_unit=_rotation_unit(head, unit))
+    fields = C3dFields(rotation_unit=_rotation_unit(head, unit))
     outputs = _outputs(head)
     about: dict[str, Any] = {
         "c3d": {"first_frame": head.first, "rate": head.one(layout.POINT, layout.RATE) or head.rate}
@@ -55,47 +55,49 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> C3dFi
         columns = tuple(range(3 * at, 3 * at + 3))
         kind = outputs.get(label) or outputs.get(label.rpartition(":")[2])
         if kind is None:
-            one = marker(label, columns, topic)
-            found.lengths += columns
+            placement = marker(label, columns, topic)
+            fields.lengths += columns
             units = stated_units.converted([unit])
-            _say(found, one, "m", {**about, "length_units": "m", "quat_order": "xyzw", **units})
+            _say(fields, placement, "m", {**about, "length_units": "m", "quat_order": "xyzw", **units})
         else:
-            one = Placement(OUTPUTS_TOPIC, (kind[0], label), (3,), columns)
-            _say(found, one, kind[1], about)
-        found.points.append(one)
+            placement = Placement(OUTPUTS_TOPIC, (kind[0], label), (3,), columns)
+            _say(fields, placement, kind[1], about)
+        fields.points.append(placement)
     for at, name in enumerate(_labels(head, layout.ROTATION, bodies, "body")):
         first = 4 * bodies + 3 * at
         placed = Placement(name, ("pos",), (3,), tuple(range(first, first + 3)))
-        found.bodies += [placed, Placement(name, ("quat",), (4,), tuple(range(4 * at, 4 * at + 4)))]
-        more = stated_units.converted([found.rotation_unit])
-        _say(found, placed, "m", {**about, "length_units": "m", "quat_order": "xyzw", **more})
+        fields.bodies += [placed, Placement(name, ("quat",), (4,), tuple(range(4 * at, 4 * at + 4)))]
+        more = stated_units.converted([fields.rotation_unit])
+        _say(fields, placed, "m", {**about, "length_units": "m", "quat_order": "xyzw", **more})
     channels = _labels(head, layout.ANALOG, data.channels, "channel")
     stated = head.text(layout.ANALOG, layout.UNITS)
     stated += [""] * (len(channels) - len(stated))
     for at, (name, own) in enumerate(zip(channels, stated, strict=False)):
-        one = Placement(ANALOG_TOPIC, (name,), (), (at,))
-        found.channels.append(one)
-        found.channel_shifts.append(stated_units.shift(own))
-        _say(found, one, "m" if stated_units.is_length(own) else own, {**about, **stated_units.converted(stated)})
-    for said in found.metadata.values():
-        if "units" in said:
-            said["units"] = stated_units.of_parents(said["units"])
-    return found
+        placement = Placement(ANALOG_TOPIC, (name,), (), (at,))
+        fields.channels.append(placement)
+        fields.channel_shifts.append(stated_units.shift(own))
+        _say(
+            fields, placement, "m" if stated_units.is_length(own) else own, {**about, **stated_units.converted(stated)}
+        )
+    for metadata in fields.metadata.values():
+        if "units" in metadata:
+            metadata["units"] = stated_units.of_parents(metadata["units"])
+    return fields
 
 
-def _say(fields: C3dFields, one: Placement, unit: str, about: dict[str, Any]) -> None:
-    said = fields.metadata.setdefault(one.topic, {})
-    said.update(about)
+def _say(fields: C3dFields, placement: Placement, unit: str, about: dict[str, Any]) -> None:
+    metadata = fields.metadata.setdefault(placement.topic, {})
+    metadata.update(about)
     if unit:
-        said.setdefault("units", {})[".".join(one.path)] = unit
+        metadata.setdefault("units", {})[".".join(placement.path)] = unit
 
 
 def _outputs(head: Head) -> dict[str, tuple[str, str]]:
     """Return the points that are no positions, by label: what kind they are of, and their unit."""
-    said = head.parameters.get(layout.POINT, {})
+    point_parameters = head.parameters.get(layout.POINT, {})
     groups = dict.fromkeys((*_OUTPUTS, *head.text(layout.POINT, "TYPE_GROUPS")))
-    groups.update((f"{key.removesuffix('_UNITS')}S", None) for key in said if key.endswith("_UNITS"))
-    found: dict[str, tuple[str, str]] = {}
+    groups.update((f"{key.removesuffix('_UNITS')}S", None) for key in point_parameters if key.endswith("_UNITS"))
+    outputs: dict[str, tuple[str, str]] = {}
     for group in groups:
         name = group.strip().upper()
         unit = next(
@@ -106,8 +108,8 @@ def _outputs(head: Head) -> dict[str, tuple[str, str]]:
         )
         for label in head.text(layout.POINT, name):
             if label and name not in (layout.LABELS, "DESCRIPTIONS", layout.UNITS, "TYPE_GROUPS"):
-                found.setdefault(label, (name.lower(), unit))
-    return found
+                outputs.setdefault(label, (name.lower(), unit))
+    return outputs
 
 
 def _rotation_unit(head: Head, unit: str) -> str:

@@ -44,8 +44,8 @@ class NumberForm:
         if self.processor != "dec":
             return np.frombuffer(data, f"{self._order}f4").astype(np.float32)
         halves = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1]
-        found: npt.NDArray[np.float32] = np.ascontiguousarray(halves).view("<f4").reshape(-1) / np.float32(4)
-        return found
+        reals: npt.NDArray[np.float32] = np.ascontiguousarray(halves).view("<f4").reshape(-1) / np.float32(4)
+        return reals
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +71,10 @@ class Head:
 
     def text(self, group: str, name: str) -> list[str]:
         """Return the texts of a parameter, and of those that continue it, such as LABELS2; none if it is not there."""
-        found: list[str] = []
+        texts: list[str] = []
         for value in self._values(group, name):
-            found += [value] if isinstance(value, str) else value if isinstance(value, list) else []
-        return found
+            texts += [value] if isinstance(value, str) else value if isinstance(value, list) else []
+        return texts
 
     def array(self, group: str, name: str) -> npt.NDArray[np.float64]:
         """Return the numbers of a parameter and of those that continue it, flat; none if it is not there."""
@@ -83,17 +83,17 @@ class Head:
         return np.concatenate(flat) if flat else np.empty(0)
 
     def _values(self, group: str, name: str) -> Iterator[Any]:
-        said = self.parameters.get(group, {})
+        values = self.parameters.get(group, {})
         number, key = 1, name
-        while key in said:
-            yield said[key]
+        while key in values:
+            yield values[key]
             number += 1
             key = f"{name}{number}"
 
     def one(self, group: str, name: str) -> float | None:
         """Return the first number of a parameter; None if it has none."""
-        found = self.array(group, name)
-        return float(found[0]) if len(found) else None
+        values = self.array(group, name)
+        return float(values[0]) if len(values) else None
 
 
 def read(path: Path, data: memoryview) -> Head:
@@ -126,7 +126,7 @@ def _real(numbers: NumberForm, data: memoryview, at: int) -> float:
 
 def _parameters(path: Path, data: memoryview, numbers: NumberForm, is_cut: bool) -> dict[str, dict[str, Any]]:
     groups: dict[int, str] = {}
-    found: list[tuple[int, str, Any]] = []
+    entries: list[tuple[int, str, Any]] = []
     at = 0
     try:
         while at + 2 <= len(data):
@@ -139,7 +139,7 @@ def _parameters(path: Path, data: memoryview, numbers: NumberForm, is_cut: bool)
             if group < 0:
                 groups[-group] = name
             else:
-                found.append((group, name, _value(data, behind + 2, numbers)))
+                entries.append((group, name, _value(data, behind + 2, numbers)))
             if step <= 0:
                 break
             at = behind + step
@@ -150,7 +150,7 @@ def _parameters(path: Path, data: memoryview, numbers: NumberForm, is_cut: bool)
     if is_cut and at >= len(data):
         raise ForeignFileError(path, "it is no whole C3D file: its parameters are cut")
     parameters: dict[str, dict[str, Any]] = {}
-    for group, name, value in found:
+    for group, name, value in entries:
         parameters.setdefault(groups.get(group, str(group)), {})[name] = value
     return parameters
 
@@ -158,7 +158,7 @@ def _parameters(path: Path, data: memoryview, numbers: NumberForm, is_cut: bool)
 def _value(data: memoryview, at: int, numbers: NumberForm) -> Any:
     """Return a parameter's value: text, a list of text, or an array with the first dimension first."""
     kind, dimensions = _signed(data[at]), data[at + 1]
-    shape = [int(one) for one in data[at + 2 : at + 2 + dimensions]]
+    shape = [int(length) for length in data[at + 2 : at + 2 + dimensions]]
     start = at + 2 + dimensions
     size = _TYPES[kind] * int(np.prod(shape, dtype=np.int64)) if kind in _TYPES else 0
     raw = data[start : start + size]

@@ -74,8 +74,8 @@ class Data:
         offsets = _padded(head.array("ANALOG", "OFFSET"), count, 0.0)
         if is_unsigned:
             offsets = np.where(offsets < 0, offsets + 65536, offsets)
-        found: Floats = (values.astype(np.float64) - offsets) * scales * (1.0 if scale is None else scale)
-        return found
+        scaled: Floats = (values.astype(np.float64) - offsets) * scales * (1.0 if scale is None else scale)
+        return scaled
 
 
 def lay_out(path: Path, head: Head, data: memoryview, *, is_lenient: bool) -> tuple[Data, bool]:
@@ -168,16 +168,16 @@ def _samples(head: Head) -> int:
 
 def _stated(head: Head) -> list[int]:
     """Return the counts of frames that a file names."""
-    found: list[float] = []
+    counts: list[float] = []
     first, last = _field(head, "ACTUAL_START_FIELD"), _field(head, "ACTUAL_END_FIELD")
     if first is not None and last is not None:
-        found.append(last - first + 1)
+        counts.append(last - first + 1)
     for name in ("LONG_FRAMES", "FRAMES"):
         value = head.one("POINT", name)
         if value is not None:
-            found.append(value + 65536 if value < 0 else value)
-    found.append(head.last - head.first + 1)
-    return [int(one) for one in dict.fromkeys(found) if one > 0]
+            counts.append(value + 65536 if value < 0 else value)
+    counts.append(head.last - head.first + 1)
+    return [int(count) for count in dict.fromkeys(counts) if count > 0]
 
 
 def _field(head: Head, name: str) -> int | None:

@@ -119,7 +119,7 @@ class _Take:
         origin = note.origin if self.start is None else self.start
         hz, bodies = self._rate(layout.POINT), self.matrices.shape[1]
         more = {"time_source": f"frame numbers at {hz!r} Hz"}
-        metadata = {topic: {**one, **more} for topic, one in note.metadata.items()}
+        metadata = {topic: {**about, **more} for topic, about in note.metadata.items()}
         arrays = Arrays(self.path, self.recorder, note.placements, metadata, skip_empty=True)
         for first, frames in self._frames():
             stop = first + len(frames.points)
@@ -188,14 +188,14 @@ def _turns(matrices: Floats) -> Floats:
 
 def _turn_back(numbers: Floats, note: Note, points: int, bodies: int, unit: str) -> None:
     """Give numbers the units and axes that they had when they were recorded, in place."""
-    topics = {at: one for one in note.placements for at in one.columns}
+    topics = {at: placement for placement in note.placements for at in placement.columns}
     for at in range(0, 3 * points, 3):
-        one = topics.get(at)
-        said = note.metadata.get(one.topic, {}) if one else {}
-        own = unit_of(said, ".".join(one.path)) if one else "m"
+        placement = topics.get(at)
+        metadata = note.metadata.get(placement.topic, {}) if placement else {}
+        own = unit_of(metadata, ".".join(placement.path)) if placement else "m"
         numbers[:, at : at + 3] *= 10.0 ** (DECIMALS[own] - DECIMALS[unit])
         if note.up is not None:
-            numbers[:, at : at + 3] = turned(numbers[:, at : at + 3], note.up, str(said.get("up", "z")).lower())
+            numbers[:, at : at + 3] = turned(numbers[:, at : at + 3], note.up, str(metadata.get("up", "z")).lower())
     for at in range(3 * points, 3 * points + 4 * bodies, 4):
         up = str(note.metadata.get(topics[at].topic, {}).get("up", "z")).lower() if at in topics else "z"
         if note.up is not None:

@@ -41,13 +41,13 @@ def export(job: Job, options: C3dWriteOptions) -> Path:
     """
     refuse_existing(job.dest)
     file = package().c3d()
-    found = found_in(job, options.quat_order)
-    things: list[Thing] = [body for one in found.values() for body in one.bodies]
-    things += [marker for one in found.values() for marker in one.markers]
+    objects = found_in(job, options.quat_order)
+    things: list[Thing] = [body for of_topic in objects.values() for body in of_topic.bodies]
+    things += [marker for of_topic in objects.values() for marker in of_topic.markers]
     if not things:
-        raise ConversionError(nothing(job, any(one.joints for one in found.values())))
+        raise ConversionError(nothing(job, any(of_topic.joints for of_topic in objects.values())))
     if options.joints:
-        things += [joint for one in found.values() for joint in one.joints]
+        things += [joint for of_topic in objects.values() for joint in of_topic.joints]
     clock = rates.find(job, [thing.topic for thing in things], options.rate)
     if clock.count > layout.MOST_FRAMES:
         raise ConversionError(
@@ -84,20 +84,20 @@ def _fill(file: Any, take: OutgoingTake, values: Floats, unit: str) -> None:
     points = [(thing, at + 4 * isinstance(thing, Body)) for thing, at in take.columns() if not isinstance(thing, Joint)]
     bodies = [(thing, at) for thing, at in take.columns() if isinstance(thing, Body)]
     joints = [(thing, at) for thing, at in take.columns() if isinstance(thing, Joint)]
-    said, count, hz = file["parameters"], len(values), take.clock.rate or 1.0
+    parameters, count, hz = file["parameters"], len(values), take.clock.rate or 1.0
     places = np.full((4, len(points), count), 1.0)
     for number, (thing, at) in enumerate(points):
         shift = DECIMALS[unit] - DECIMALS[take.unit_of(thing)]
         places[:3, number] = values[:, at : at + 3].T * 10.0**shift
     _warn_of_rounding(places[:3], unit)
     places[:, np.isnan(places).any(axis=0)] = np.nan
-    said[layout.POINT][layout.RATE]["value"] = [hz]
-    said[layout.POINT][layout.UNITS]["value"] = [unit]
-    said[layout.POINT][layout.LABELS]["value"] = [thing.name for thing, _ in points]
+    parameters[layout.POINT][layout.RATE]["value"] = [hz]
+    parameters[layout.POINT][layout.UNITS]["value"] = [unit]
+    parameters[layout.POINT][layout.LABELS]["value"] = [thing.name for thing, _ in points]
     file["data"]["points"] = places
     if joints:
-        said[layout.ANALOG][layout.RATE]["value"] = [hz]
-        said[layout.ANALOG][layout.LABELS]["value"] = [joint.name for joint, _ in joints]
+        parameters[layout.ANALOG][layout.RATE]["value"] = [hz]
+        parameters[layout.ANALOG][layout.LABELS]["value"] = [joint.name for joint, _ in joints]
         file["data"]["analogs"] = values[:, [at for _, at in joints]].T[None]
     if bodies:
         file.add_parameter(layout.ROTATION, layout.LABELS, [body.name for body, _ in bodies])
@@ -124,11 +124,11 @@ def _add_note(file: Any, note: Note, rate: float) -> None:
 
 def _matrices(values: Floats) -> Floats:
     """Return the 4x4 matrices of quaternions and positions, [4, 4, N], of x y z w, x y z, [N, 7]."""
-    found = np.zeros((4, 4, len(values)))
-    found[:3, :3] = rotations.to_matrices(values[:, :4]).transpose(1, 2, 0)
-    found[:3, 3] = values[:, 4:].T
-    found[3, 3] = 1.0
-    return found
+    matrices = np.zeros((4, 4, len(values)))
+    matrices[:3, :3] = rotations.to_matrices(values[:, :4]).transpose(1, 2, 0)
+    matrices[:3, 3] = values[:, 4:].T
+    matrices[3, 3] = 1.0
+    return matrices
 
 
 def _warn_of_rounding(places: Floats, unit: str) -> None:

@@ -84,15 +84,15 @@ def read_columns(path: Path, header: HeaderLines, dialect: Dialect) -> ColumnHea
         if len(row) != len(axes) and (len(row) < width or any(row[width:])):
             raise ForeignFileError(path, f"the row of {what} has {len(row)} cells, but that of axes {len(axes)}", line)
     axes = [*axes, *[""] * (width - len(axes))][:width]
-    found = [
+    header_columns = [
         HeaderColumn._make([*(named[what][0][at] for what in ("types", "names", "IDs", "groups")), axes[at]])
         for at in range(leading, width)
     ]
-    for at, column in enumerate(found, leading + 1):
+    for at, column in enumerate(header_columns, leading + 1):
         if not column.type:
             raise ForeignFileError(path, "the column has no type", named["types"][1], at)
-    _check(path, found, leading, lines[-1])
-    return ColumnHeader(found, time, codes)
+    _check(path, header_columns, leading, lines[-1])
+    return ColumnHeader(header_columns, time, codes)
 
 
 def _named(
@@ -118,12 +118,12 @@ def _named(
         wanted = dict(zip(("types", "names", "IDs", "groups"), [*plain, None, None, None, None], strict=False))
         if len(plain) == 3 and wanted["groups"] is None:  # version 1.2 may have no IDs
             wanted["groups"], wanted["IDs"] = wanted["IDs"], wanted["names"]
-    found: dict[str, tuple[list[str], int]] = {}
+    rows_by_label: dict[str, tuple[list[str], int]] = {}
     for what, placed in wanted.items():
         if placed is None:
             raise ForeignFileError(path, f"the header has no row of {what}", lines[-1])
-        found[what] = placed
-    return found
+        rows_by_label[what] = placed
+    return rows_by_label
 
 
 def _check(path: Path, columns: Sequence[HeaderColumn], leading: int, line: int) -> None:
@@ -135,7 +135,7 @@ def _check(path: Path, columns: Sequence[HeaderColumn], leading: int, line: int)
         wanted = [(layout.POSITION, axis) for axis in layout.POSITION_AXES] if is_point else []
         if first.type in layout.BODIES:
             wanted = [*((layout.ROTATION, axis) for axis in layout.ROTATION_AXES), *wanted]
-        missing = next((one for one in wanted if one not in have), None)
+        missing = next((column for column in wanted if column not in have), None)
         if missing is not None:
             at = leading + group[0] + 1
             raise ForeignFileError(path, f"{first.type} {first.name!r} has no column {' '.join(missing)}", line, at)
@@ -146,7 +146,7 @@ def by_object(columns: Sequence[HeaderColumn]) -> list[list[int]]:
     groups: dict[tuple[str, str, str], list[list[int]]] = {}
     for at, column in enumerate(columns):
         same = groups.setdefault((column.type, column.name, column.identity), [[]])
-        taken = {(columns[one].group, columns[one].axis) for one in same[-1]}
+        taken = {(columns[place].group, columns[place].axis) for place in same[-1]}
         if (column.group, column.axis) in taken:
             same.append([])
         same[-1].append(at)

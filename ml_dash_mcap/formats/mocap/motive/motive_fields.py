@@ -50,44 +50,45 @@ def foreign(
     about = {key: pairs[key] for key in _KEPT if pairs.get(key)}
     of_columns = [unit if column.group in layout.LENGTHS else "" for column in columns]
     fields = stated_units.by_topic(placements, of_columns)
-    said = {"quat_order": "xyzw", "length_units": "m", "up": "y", "motive": about, **stated_units.converted([unit])}
+    metadata = {"quat_order": "xyzw", "length_units": "m", "up": "y", "motive": about, **stated_units.converted([unit])}
     return placements, {  # y is up unless changed in Motive
-        one.topic: {**said, "units": stated_units.of_parents(fields.get(one.topic, {}))} for one in placements
+        placement.topic: {**metadata, "units": stated_units.of_parents(fields.get(placement.topic, {}))}
+        for placement in placements
     }
 
 
 def _body(name: str, columns: Sequence[HeaderColumn], group: Sequence[int]) -> list[Placement]:
     position = column_header.axes_of(columns, group, layout.POSITION, layout.POSITION_AXES)
     rotation = column_header.axes_of(columns, group, layout.ROTATION, layout.ROTATION_AXES)
-    found = [Placement(name, ("pos",), (3,), position), Placement(name, ("quat",), (4,), rotation)]
+    placements = [Placement(name, ("pos",), (3,), position), Placement(name, ("quat",), (4,), rotation)]
     errors = [at for at in group if columns[at].group in layout.ERRORS]
     if errors:
-        found.append(Placement(name, ("mean_marker_error",), (), (errors[0],)))
+        placements.append(Placement(name, ("mean_marker_error",), (), (errors[0],)))
     rest = [at for at in group if at not in (*position, *rotation, *errors[:1])]
-    return [*found, *_others(columns, rest, name, ())]
+    return [*placements, *_others(columns, rest, name, ())]
 
 
 def _marker(columns: Sequence[HeaderColumn], group: Sequence[int], bodies: Sequence[str]) -> list[Placement]:
     first = columns[group[0]]
     topic, name = _topic_of(first, bodies)
     position = column_header.axes_of(columns, group, layout.POSITION, layout.POSITION_AXES)
-    found = [Placement(topic, (layout.MARKERS[first.type], name), (3,), position)]
+    placements = [Placement(topic, (layout.MARKERS[first.type], name), (3,), position)]
     for at in group:
         if at not in position:
             axis = (columns[at].axis,) if columns[at].axis else ()
-            found.append(Placement(topic, (slug(columns[at].group), name, *axis), (), (at,)))
-    return found
+            placements.append(Placement(topic, (slug(columns[at].group), name, *axis), (), (at,)))
+    return placements
 
 
 def _others(
     columns: Sequence[HeaderColumn], group: Sequence[int], topic: str, path: tuple[str, ...]
 ) -> list[Placement]:
     """Return a field for each column of a kind that is not known."""
-    found = []
+    placements = []
     for at in group:
         axis = (columns[at].axis,) if columns[at].axis else ()
-        found.append(Placement(topic, (*path, slug(columns[at].group), *axis), (), (at,)))
-    return found
+        placements.append(Placement(topic, (*path, slug(columns[at].group), *axis), (), (at,)))
+    return placements
 
 
 def _topic_of(column: HeaderColumn, bodies: Sequence[str]) -> tuple[str, str]:

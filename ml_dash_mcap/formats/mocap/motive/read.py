@@ -71,7 +71,7 @@ def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: 
         first_s = row_times.first_stamp(clue, cells, file, when)
         when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
         placements, metadata = (note.placements, note.metadata) if note else motive_fields.foreign(columns, pairs, unit)
-        metadata = {topic: {**one, **when.metadata} for topic, one in metadata.items()}
+        metadata = {topic: {**about, **when.metadata} for topic, about in metadata.items()}
         parts = _restored(cells.read(file, line), note, leading, header_columns) if note else cells.read(file, line)
         beside = sto.beside(src, note.joints if note else None)
         if note is None or beside is None:
@@ -117,4 +117,4 @@ def _stamped(
 
 def _behind(placements: list[Placement], first: int) -> list[Placement]:
     """Return placements of a table whose columns stand behind those of another."""
-    return [replace(one, columns=tuple(first + at for at in one.columns)) for one in placements]
+    return [replace(placement, columns=tuple(first + at for at in placement.columns)) for placement in placements]

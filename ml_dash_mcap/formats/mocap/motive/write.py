@@ -54,10 +54,10 @@ def write(job: Job, options: MocapWriteOptions) -> Path:
         ConversionError: There is nothing to write, or no clock to write it on, or something is no rotation.
     """
     refuse_existing(job.dest)
-    found = found_in(job, options.quat_order)
-    things: list[Thing] = [body for one in found.values() for body in one.bodies]
-    things += [marker for one in found.values() for marker in one.markers]
-    joints = [joint for one in found.values() for joint in one.joints]
+    objects = found_in(job, options.quat_order)
+    things: list[Thing] = [body for of_topic in objects.values() for body in of_topic.bodies]
+    things += [marker for of_topic in objects.values() for marker in of_topic.markers]
+    joints = [joint for of_topic in objects.values() for joint in of_topic.joints]
     if not things:
         raise ConversionError(nothing(job, bool(joints)))
     if options.joints == "columns":
@@ -83,9 +83,10 @@ def _write(take: OutgoingTake, options: MocapWriteOptions, file: BinaryIO, joint
     text = TableText(decimals=options.decimals, time_decimals=take.clock.time_decimals(options.decimals))
     order = [column.source for column in columns]
     is_in_order = order == list(range(sum(1 for _ in order)))
-    units = {id(one.thing): take.unit_of(one.thing) for one in columns if one.is_length}
+    units = {id(column.thing): take.unit_of(column.thing) for column in columns if column.is_length}
     shifts = [
-        DECIMALS[options.length_units] - DECIMALS[units[id(one.thing)]] if one.is_length else 0 for one in columns
+        DECIMALS[options.length_units] - DECIMALS[units[id(column.thing)]] if column.is_length else 0
+        for column in columns
     ]
     for window in take.windows():
         values = window.values if is_in_order and window.values.shape[1] == len(order) else window.values[:, order]
@@ -118,7 +119,7 @@ def _header(take: OutgoingTake, options: MocapWriteOptions, columns: Sequence[_C
     rows.append(["", layout.IDENTITY, *(_identity(column.thing) for column in columns)])
     if options.format_version == "1.25":
         bodies = {thing.topic: thing.name for thing in reversed(take.things) if isinstance(thing, Body)}
-        parents = ["" if isinstance(one.thing, Body) else bodies.get(one.thing.topic, "") for one in columns]
+        parents = ["" if isinstance(column.thing, Body) else bodies.get(column.thing.topic, "") for column in columns]
         rows.append(["", layout.PARENT, *parents])
     rows.append(["", "", *(column.group for column in columns)])
     rows.append([layout.FRAME, layout.TIME, *(column.axis for column in columns)])
@@ -157,7 +158,7 @@ def _pairs(take: OutgoingTake, options: MocapWriteOptions, columns: Sequence[_Co
 def _note(take: OutgoingTake, columns: Sequence[_Column], joints: str | None) -> Note:
     placing = Placing()
     for thing in take.things:
-        mine = [(at, one) for at, one in enumerate(columns) if one.thing is thing]
+        mine = [(at, column) for at, column in enumerate(columns) if column.thing is thing]
         groups = {
             layout.ROTATION: "rotation",
             layout.POSITION: "position",
@@ -165,8 +166,8 @@ def _note(take: OutgoingTake, columns: Sequence[_Column], joints: str | None) ->
             layout.ANGLE: "value",
         }
         where: dict[str, list[int]] = {}
-        for at, one in mine:
-            where.setdefault(groups[one.group], []).append(at)
+        for at, column in mine:
+            where.setdefault(groups[column.group], []).append(at)
         placing.add(thing, where)
     return take.note(placing, joints)
 

@@ -59,7 +59,7 @@ def record(src: Path, recorder: Recorder, options: QtmReadOptions, progress: Pro
         count = per_name * len(names)
         note = placement.from_text(_one(keys, layout.NOTE), count)
         is_length = [at % per_name < 3 or (has_bodies and at % per_name == 6) for at in range(count)]
-        shifts = [-DECIMALS[layout.UNIT] if one else 0 for one in is_length]
+        shifts = [-DECIMALS[layout.UNIT] if is_in_mm else 0 for is_in_mm in is_length]
         groups = [tuple(range(at, at + 3)) for at in range(0, count, per_name)]
         origin = options.start
         if note and not has_bodies:
@@ -81,11 +81,13 @@ def record(src: Path, recorder: Recorder, options: QtmReadOptions, progress: Pro
             first_s = row_times.first_stamp(clue, cells, file, when)
             when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
         if note and not has_bodies:
-            metadata = {name: {**one, **when.metadata} for name, one in note.metadata.items()}
+            metadata = {name: {**about, **when.metadata} for name, about in note.metadata.items()}
             tracks = TopicRows(src, recorder, note.placements, metadata, skip_empty=True)
         else:
-            found = [one for at, name in enumerate(names) for one in _placed(name, at, options.topic, has_bodies)]
-            tracks = TopicRows(src, recorder, found, _about(found, has_bodies, keys, when))
+            placements = [
+                placement for at, name in enumerate(names) for placement in _placed(name, at, options.topic, has_bodies)
+            ]
+            tracks = TopicRows(src, recorder, placements, _about(placements, has_bodies, keys, when))
         row, most = 0, _frame_count(keys)
         for part in cells.read(file, line):
             if not has_times:
@@ -169,11 +171,11 @@ def _about(
 ) -> dict[str, dict[str, Any]]:
     kept = {key: " ".join(cells) for key, cells in keys.items() if not key.endswith("_NAMES") and key != layout.NOTE}
     more = {"qtm": kept, **when.metadata}
-    found = about_points(placements, layout.UNIT, more)
+    about = about_points(placements, layout.UNIT, more)
     if not has_bodies:
-        return found
+        return about
     units = {"pos": "m", "residual": "m", "angles": "deg"}
-    return {topic: {**said, "quat_order": "xyzw", "units": units} for topic, said in found.items()}
+    return {topic: {**metadata, "quat_order": "xyzw", "units": units} for topic, metadata in about.items()}
 
 
 def _placed(name: str, at: int, topic: str, has_bodies: bool) -> list[Placement]:
@@ -202,12 +204,12 @@ def _bodies(numbers: Floats, columns: int) -> Floats:
         numbers: What the file says, [N, columns * B].
         columns: Of each body; without a matrix there is no quaternion.
     """
-    found = []
+    parts = []
     for at in range(0, numbers.shape[1], columns):
         body = numbers[:, at : at + columns]
         turns = np.full((len(body), 4), np.nan)
         if columns == layout.BODY_COLUMNS:
             turns, bad = rotations.of_matrices(body[:, 7:].reshape(-1, 3, 3).transpose(0, 2, 1))
             turns[bad] = np.nan
-        found.append(np.concatenate((body[:, :3], turns, body[:, 3:7]), axis=1))
-    return np.concatenate(found, axis=1)
+        parts.append(np.concatenate((body[:, :3], turns, body[:, 3:7]), axis=1))
+    return np.concatenate(parts, axis=1)

@@ -33,8 +33,8 @@ def beside(path: Path, name: str | None) -> Path | None:
     """Return the storage file of a name in the folder of another file, if it is there."""
     if not name or Path(name).name != name:
         return None
-    found = path.with_name(name)
-    return found if found.is_file() else None
+    file = path.with_name(name)
+    return file if file.is_file() else None
 
 
 def record(src: Path, recorder: Recorder, options: StoReadOptions, progress: Progress | None) -> None:
@@ -54,15 +54,15 @@ def record(src: Path, recorder: Recorder, options: StoReadOptions, progress: Pro
         ForeignFileError: The file is no storage file; says the line and the column.
     """
     report = ReadingProgress(src, progress)
-    with table(src, on_bad=options.on_bad, start=options.start) as found:
-        kind = vectors.KINDS.get(found.data_type)
-        placements, metadata = found.fields(options.topic or (layout.TOPIC if kind is None else kind.topic))
-        tracks = TopicRows(src, recorder, placements, metadata, skip_empty=found.note is not None)
-        for part in found.parts():
-            times = found.when.stamps(part.values[:, 0], part.values[:, 0])
-            tracks.append_from(found.cells, times, part.values[:, 1:], part, 1)
+    with table(src, on_bad=options.on_bad, start=options.start) as source:
+        kind = vectors.KINDS.get(source.data_type)
+        placements, metadata = source.fields(options.topic or (layout.TOPIC if kind is None else kind.topic))
+        tracks = TopicRows(src, recorder, placements, metadata, skip_empty=source.note is not None)
+        for part in source.parts():
+            times = source.when.stamps(part.values[:, 0], part.values[:, 0])
+            tracks.append_from(source.cells, times, part.values[:, 1:], part, 1)
             report.add(len(part.values), part.at)
-    report.finish(found.cells.bad)
+    report.finish(source.cells.bad)
 
 
 @dataclass
@@ -105,7 +105,7 @@ class Table:
         """Return where the numbers go, and the metadata of the topics."""
         if self.note is not None:
             return list(self.note.placements), {
-                name: {**one, **self.when.metadata} for name, one in self.note.metadata.items()
+                name: {**about, **self.when.metadata} for name, about in self.note.metadata.items()
             }
         about: dict[str, Any] = {"sto": {key: value for key, value in self.keys.items() if key != layout.NOTE}}
         kind = vectors.KINDS.get(self.data_type)
@@ -117,8 +117,13 @@ class Table:
             return vectors.placements(self.names, kind, topic), {topic: {**more, **about, **self.when.metadata}}
         unit = _angle_unit(self.path, self.keys) or stated
         count = len(self.names)
-        said = {"joint_names": self.names, **({"units": {"q": unit}} if unit else {}), **about, **self.when.metadata}
-        return [Placement(topic, ("q",), (count,), tuple(range(count)))], {topic: said}
+        metadata = {
+            "joint_names": self.names,
+            **({"units": {"q": unit}} if unit else {}),
+            **about,
+            **self.when.metadata,
+        }
+        return [Placement(topic, ("q",), (count,), tuple(range(count)))], {topic: metadata}
 
 
 @contextmanager
@@ -147,15 +152,15 @@ def table(src: Path, *, on_bad: str, start: float | None) -> Iterator[Table]:
             cells = Cells(src, len(names), _of_numbers(dialect, head), on_bad=on_bad)
             cells.learn(head + tail)
         else:
-            known = ", ".join(("double", *(one.word for one in vectors.KINDS.values())))
-            raise ForeignFileError(src, f"DataType={keys['datatype']} is not known; {known} are")
-        found = Table(src, file, keys, distinct(names[1:]), cells, line, note)
+            types = ", ".join(("double", *(vector_kind.word for vector_kind in vectors.KINDS.values())))
+            raise ForeignFileError(src, f"DataType={keys['datatype']} is not known; {types} are")
+        opened_table = Table(src, file, keys, distinct(names[1:]), cells, line, note)
         origin = start if start is not None else note.origin if note else 0.0
         clue = Clue(0, None, number(keys.get("datarate", "")))
         when = row_times.find(clue, cells, file, line, origin)
         first_s = row_times.first_stamp(clue, cells, file, when)
-        found.when = row_times.not_below_zero(src, when, [first_s], is_asked=start is not None)
-        yield found
+        opened_table.when = row_times.not_below_zero(src, when, [first_s], is_asked=start is not None)
+        yield opened_table
 
 
 def _check_names(path: Path, keys: dict[str, str], names: list[str], line: int) -> None:
@@ -175,9 +180,9 @@ def _angle_unit(path: Path, keys: dict[str, str]) -> str | None:
 
     OpenSim takes .mot files without a version, as SIMM writes them, for degrees, unless they say otherwise.
     """
-    said = keys.get(layout.IN_DEGREES.lower())
-    if said is not None:
-        return "deg" if said.lower() in ("yes", "true", "1", "y") else "rad"
+    in_degrees = keys.get(layout.IN_DEGREES.lower())
+    if in_degrees is not None:
+        return "deg" if in_degrees.lower() in ("yes", "true", "1", "y") else "rad"
     version = number(keys.get(layout.VERSION, "0")) or 0.0
     return "deg" if path.suffix.lower() == ".mot" and version < 1 else None
 
@@ -187,13 +192,13 @@ def _keys(path: Path, header: HeaderLines) -> dict[str, str]:
 
     OpenSim writes `key=value`, SIMM `key value`.
     """
-    said: dict[str, str] = {}
+    values: dict[str, str] = {}
     while True:
         line = header.next(repr(layout.END)).strip(BLANKS)
         quoted = _QUOTED.match(line)
         line = quoted[1].replace('""', '"') if quoted else line.strip(f"{BLANKS},;")
         if line.lower() == layout.END:
-            return said
+            return values
         if header.line > _MOST_HEADER_LINES:
             raise ForeignFileError(path, f"the header has no {layout.END!r}", header.line)
         key, equals, value = line.partition("=")
@@ -201,7 +206,7 @@ def _keys(path: Path, header: HeaderLines) -> dict[str, str]:
             key, _, value = line.partition(" " if " " in line else "\t")
             if key.lower() not in ("name", "datacolumns", "datarows", "range", "wordwrap"):
                 continue
-        said.setdefault(key.strip(BLANKS).lower(), value.strip(BLANKS))
+        values.setdefault(key.strip(BLANKS).lower(), value.strip(BLANKS))
 
 
 def _of_numbers(dialect: Dialect, lines: list[str]) -> Dialect:

@@ -84,9 +84,9 @@ class VectorCells(Cells):
         return Cells(self.path, self.columns)._fast(plain, chunk) or self._slow(chunk.data, chunk)
 
     def _split(self, text: str, line: int) -> list[str]:
-        size, found = self._kind.size, []
+        size, numbers = self._kind.size, []
         for number, cell in enumerate(self.dialect.split(text)):
-            elements = [one.strip(f"{BLANKS}{_AROUND}") for one in cell.strip(f"{BLANKS}{_AROUND}").split(",")]
+            elements = [element.strip(f"{BLANKS}{_AROUND}") for element in cell.strip(f"{BLANKS}{_AROUND}").split(",")]
             if number and elements == [""]:
                 elements = [""] * size
             if number and len(elements) != size:
@@ -94,8 +94,8 @@ class VectorCells(Cells):
                     what = f"{cell[:40]!r} has {len(elements)} elements, and a {self._kind.word} has {size}"
                     raise ForeignFileError(self.path, what, line, number + 1)
                 elements = ["?"] * size
-            found += elements
-        return found
+            numbers += elements
+        return numbers
 
     def _number(self, cell: str, shift: int, line: int, column: int) -> float | None:
         return super()._number(cell, shift, line, column if column == 1 else 2 + (column - 2) // self._kind.size)

@@ -34,9 +34,9 @@ def export(job: Job, options: StoWriteOptions) -> Path:
     """
     refuse_existing(job.dest)
     if options.what == "all":
-        joints = [one for topic in job.topics for one in every_number(job, topic)]
+        joints = [number for topic in job.topics for number in every_number(job, topic)]
     else:
-        joints = [joint for one in found_in(job, None).values() for joint in one.joints]
+        joints = [joint for objects in found_in(job, None).values() for joint in objects.joints]
     if not joints:
         names = ", ".join(map(repr, job.topics)) or "none"
         raise ConversionError(f"no joints in the topics ({names}): none has q, dq, tau or the like; pass what='all'")
@@ -67,7 +67,7 @@ def write(
     topics = dict.fromkeys(joint.topic for joint in joints)
     clock = rates.find(job, topics, options.rate, needs_even=False, with_origin=with_origin)
     take = OutgoingTake(job, options, list(joints), clock)
-    labels = [f"{one.topic}/{one.name}" if len(topics) > 1 else one.name for one in joints]
+    labels = [f"{joint.topic}/{joint.name}" if len(topics) > 1 else joint.name for joint in joints]
     labels = [label.replace("\t", " ").replace("\n", " ") for label in labels]
     in_degrees = "yes" if _are_degrees(job, joints) else "no"
     placing = Placing()
@@ -97,10 +97,10 @@ def _are_degrees(job: Job, joints: Sequence[Joint]) -> bool:
     Raises:
         ConversionError: Some are in degrees, others in radians.
     """
-    found = {_angle_unit(job.topics[joint.topic].metadata, joint.value.columns[0]) for joint in joints} - {None}
-    if len(found) > 1:
+    units = {_angle_unit(job.topics[joint.topic].metadata, joint.value.columns[0]) for joint in joints} - {None}
+    if len(units) > 1:
         raise ConversionError("some joints are in degrees and some in radians; export them into files of their own")
-    return found == {"deg"}
+    return units == {"deg"}
 
 
 def _angle_unit(metadata: Mapping[str, Any], column: str) -> str | None:

@@ -65,7 +65,7 @@ def record(src: Path, recorder: Recorder, options: TrcReadOptions, progress: Pro
         first_s = row_times.first_stamp(clue, cells, file, when)
         when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
         if note:
-            metadata = {name: {**one, **when.metadata} for name, one in note.metadata.items()}
+            metadata = {name: {**about_topic, **when.metadata} for name, about_topic in note.metadata.items()}
             tracks = TopicRows(src, recorder, note.placements, metadata, skip_empty=True)
         else:
             placements = [marker(name, at, options.topic) for name, at in zip(names, groups, strict=True)]
@@ -84,10 +84,10 @@ def _dialect(header: HeaderLines, first: str) -> Dialect:
     """Return how the file is split, by the row of its keys: the first line may have a path with any letters in it."""
     line = first
     while layout.RATE.lower() not in line.lower() or line is first:
-        found = header.next_or_none()
-        if found is None:
+        next_line = header.next_or_none()
+        if next_line is None:
             return of_line(first)
-        line = found
+        line = next_line
     return of_line(line, default=" " if " " in line.strip() else "\t")
 
 

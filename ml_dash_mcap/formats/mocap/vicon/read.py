@@ -59,13 +59,17 @@ def record(src: Path, recorder: Recorder, options: ViconReadOptions, progress: P
             tables.append(_Table.of(src, file, section, note, before, options.topic, origin, options.on_bad))
             before += len(section.axes)
         moved = row_times.not_below_zero(
-            src, Timing(origin), [one.first_stamp(file) for one in tables], is_asked=options.start is not None
+            src, Timing(origin), [table.first_stamp(file) for table in tables], is_asked=options.start is not None
         )
         for group in _connected(tables):
             _append(
-                src, recorder, file, [replace(one, when=replace(one.when, shift=moved.shift)) for one in group], report
+                src,
+                recorder,
+                file,
+                [replace(table, when=replace(table.when, shift=moved.shift)) for table in group],
+                report,
             )
-        bad = sum(one.cells.bad for one in tables)
+        bad = sum(table.cells.bad for table in tables)
         bad += _append_events(src, recorder, contents.events, replace(moved, origin=origin), options.on_bad)
     report.finish(bad)
 
@@ -95,7 +99,7 @@ class _Table:
             note = _part(note, before, len(section.axes))
             lengths = {at for at, unit in enumerate(section.units) if unit == layout.UNIT}
             shifts = restored.shifts(note, DECIMALS[layout.UNIT], len(section.axes), lengths)
-            placements, metadata = list(note.placements), {name: dict(one) for name, one in note.metadata.items()}
+            placements, metadata = list(note.placements), {name: dict(about) for name, about in note.metadata.items()}
         file.seek(section.start)
         head, tail = preview(file, section.stop)
         count = len(section.axes) + LEADING
@@ -113,13 +117,19 @@ class _Table:
         head, _ = preview(file, self.section.stop)
         values = self.cells.sample(head)
         stamps = self._stamps(values)
-        known = stamps[~np.isnan(stamps)]
-        return float(known[0]) if len(known) else float("nan")
+        stamps_there = stamps[~np.isnan(stamps)]
+        return float(stamps_there[0]) if len(stamps_there) else float("nan")
 
     def rows(self, file: BinaryIO, report: ReadingProgress) -> Iterator[tuple[Floats, Floats]]:
         """Yield time stamps, [N], s, and numbers, [N, C]; several sections can be read by turns."""
-        points = [one.columns for one in vicon_fields.placed(self.section, "") if one.path[0] in ("markers", "pos")]
-        turns = [one.columns for one in vicon_fields.placed(self.section, "") if one.path[0] == "quat"]
+        points = [
+            placement.columns
+            for placement in vicon_fields.placed(self.section, "")
+            if placement.path[0] in ("markers", "pos")
+        ]
+        turns = [
+            placement.columns for placement in vicon_fields.placed(self.section, "") if placement.path[0] == "quat"
+        ]
         file.seek(self.section.start)
         for part in self.cells.read(file, self.section.line, self.section.stop):
             numbers = part.values[:, LEADING:]
@@ -138,18 +148,18 @@ class _Table:
 def _connected(tables: Sequence[_Table]) -> list[list[_Table]]:
     """Return tables in groups: those of one rate that have rows of the same topics."""
     groups: list[list[_Table]] = []
-    for one in tables:
-        topics = {place.topic for place in one.placements}
+    for table in tables:
+        topics = {place.topic for place in table.placements}
         same = [
             group
             for group in groups
             if any(
-                other.section.rate == one.section.rate and topics & {place.topic for place in other.placements}
+                other.section.rate == table.section.rate and topics & {place.topic for place in other.placements}
                 for other in group
             )
         ]
         groups = [group for group in groups if group not in same]
-        groups.append([table for group in same for table in group] + [one])
+        groups.append([other_table for group in same for other_table in group] + [table])
     return groups
 
 
@@ -159,12 +169,12 @@ def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table]
     present: list[tuple[int]] = []
     metadata: dict[str, dict[str, Any]] = {}
     width = 0
-    for one in tables:
-        count = len(one.section.axes)
-        placements += [replace(place, columns=tuple(width + at for at in place.columns)) for place in one.placements]
-        present += [(width + count,)] * len(one.placements)
-        for name, about in one.metadata.items():
-            metadata[name] = vicon_fields.merged(metadata.get(name, {}), {**about, **one.when.metadata})
+    for table in tables:
+        count = len(table.section.axes)
+        placements += [replace(place, columns=tuple(width + at for at in place.columns)) for place in table.placements]
+        present += [(width + count,)] * len(table.placements)
+        for name, about in table.metadata.items():
+            metadata[name] = vicon_fields.merged(metadata.get(name, {}), {**about, **table.when.metadata})
         width += count + 1
     if len(tables) == 1:
         tracks = TopicRows(path, recorder, placements, metadata, skip_empty=tables[0].note is not None)
@@ -174,9 +184,9 @@ def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table]
     is_ours = tables[0].note is not None
     tracks = TopicRows(path, recorder, placements, metadata, skip_empty=is_ours, present=present)
     rows, width = _marked(path, tables[0], report), len(tables[0].section.axes) + 1
-    for one in tables[1:]:
-        more = len(one.section.axes) + 1
-        rows, width = joined(rows, _marked(path, one, report), (width, more)), width + more
+    for table in tables[1:]:
+        more = len(table.section.axes) + 1
+        rows, width = joined(rows, _marked(path, table, report), (width, more)), width + more
     for times, values in rows:
         tracks.append(times, values)
 
@@ -201,8 +211,8 @@ def _append_events(
                 what = f"the event has the time {event.get(word, '')!r}, which is none"
                 raise ForeignFileError(path, f"{what}; pass on_bad='missing' to leave it out", line)
             continue
-        said = {key.lower().replace(" ", "_"): value for key, value in event.items() if key and key != word}
-        rows.append({**said, "_ts": when.origin + time + when.shift})
+        event_fields = {key.lower().replace(" ", "_"): value for key, value in event.items() if key and key != word}
+        rows.append({**event_fields, "_ts": when.origin + time + when.shift})
     if rows:
         about = {"vicon": {"section": layout.EVENTS}, **when.metadata}
         open_topic(recorder, _EVENTS_TOPIC, MESSAGE, Topic, TopicAbout(metadata=about)).append_batch(rows)
@@ -211,6 +221,9 @@ def _append_events(
 
 def _part(note: Note, first: int, count: int) -> Note:
     """Return what a note says of one section's columns."""
-    mine = [one for one in note.placements if all(first <= at < first + count for at in one.columns)]
-    moved = tuple(Placement(one.topic, one.path, one.shape, tuple(at - first for at in one.columns)) for one in mine)
+    mine = [placement for placement in note.placements if all(first <= at < first + count for at in placement.columns)]
+    moved = tuple(
+        Placement(placement.topic, placement.path, placement.shape, tuple(at - first for at in placement.columns))
+        for placement in mine
+    )
     return replace(note, placements=moved)

@@ -60,7 +60,7 @@ def read(path: Path, file: BinaryIO) -> Contents:
     Raises:
         ForeignFileError: The file is not as Vicon writes it; says the line and the column.
     """
-    header, found = HeaderLines(path, file), Contents()
+    header, contents = HeaderLines(path, file), Contents()
     while (line := header.next_or_none()) is not None:
         title = title_of(line)
         if not title or is_filler(line):
@@ -68,12 +68,12 @@ def read(path: Path, file: BinaryIO) -> Contents:
         if title == NOTE_KEY:
             text = (header.next_or_none() or "").strip(BLANKS)
             text = text if text.startswith("{") else _COMMAS.split(text)[0]
-            found.note = placement.from_text(text, _MOST_COLUMNS)
+            contents.note = placement.from_text(text, _MOST_COLUMNS)
         elif title == layout.EVENTS:
-            found.events += _events(header)
+            contents.events += _events(header)
         else:
-            found.sections.append(_section(path, header, file, title))
-    return found
+            contents.sections.append(_section(path, header, file, title))
+    return contents
 
 
 def _section(path: Path, header: HeaderLines, file: BinaryIO, title: str) -> Section:
@@ -81,8 +81,8 @@ def _section(path: Path, header: HeaderLines, file: BinaryIO, title: str) -> Sec
     text = _line(header, "the section's rate")
     rate = number(title_of(text))
     if rate is None and title not in SECTIONS:
-        known = ", ".join(SECTIONS)
-        raise ForeignFileError(path, f"{title[:40]!r} is not the name of a section; {known} are known", title_line)
+        sections = ", ".join(SECTIONS)
+        raise ForeignFileError(path, f"{title[:40]!r} is not the name of a section; {sections} are known", title_line)
     if rate is None or not 0 < rate < 1e9:
         raise ForeignFileError(path, f"{title_of(text)[:40]!r} is not a rate in Hz", header.line, 1)
     names_text = ""
@@ -164,20 +164,20 @@ def _events(header: HeaderLines) -> list[tuple[int, dict[str, str]]]:
     """Read the rows of events, each by the words of the row above them."""
     words: list[str] = []
     dialect = _COMMAS
-    found: list[tuple[int, dict[str, str]]] = []
+    events: list[tuple[int, dict[str, str]]] = []
     while True:
         end, before = header.at(), header.line
         line = header.next_or_none()
         if line is None:
-            return found
+            return events
         if not title_of(line):
             continue
         if title_of(line) in (*SECTIONS, NOTE_KEY):
             header.to(end, before)
-            return found
+            return events
         if not words:
             if number(title_of(line)) is None:  # the first line is a rate
                 dialect = of_line(line, default=",")
                 words = dialect.split(line)
             continue
-        found.append((header.line, dict(zip(words, dialect.split(line), strict=False))))
+        events.append((header.line, dict(zip(words, dialect.split(line), strict=False))))

@@ -28,9 +28,9 @@ def placed(section: Section, topic: str) -> list[Placement]:
         taken: tuple[int, ...] = ()
         if set(layout.POINT_AXES) <= set(by_axis) and section.title == layout.TRAJECTORIES:
             taken = tuple(by_axis[axis] for axis in layout.POINT_AXES)
-            one = marker(name or "marker", taken, topic)
-            placements.append(one)
-            where, prefix = one.topic, one.path[1:]
+            placement = marker(name or "marker", taken, topic)
+            placements.append(placement)
+            where, prefix = placement.topic, placement.path[1:]
         elif set(layout.PLACE_AXES) <= set(by_axis):
             where, prefix = name.replace(":", "/") or section.title.lower(), ()
             taken = tuple(by_axis[axis] for axis in layout.PLACE_AXES)
@@ -49,26 +49,30 @@ def placed(section: Section, topic: str) -> list[Placement]:
 def about(section: Section, placements: Sequence[Placement]) -> dict[str, dict[str, Any]]:
     """Return the metadata of a section's topics."""
     fields = stated_units.by_topic(placements, section.units)
-    found: dict[str, dict[str, Any]] = {}
-    for one in placements:
-        said = found.setdefault(one.topic, {"quat_order": "xyzw", "vicon": {"section": section.title}})
-        own = {section.units[at] for at in one.columns}
+    metadata_by_topic: dict[str, dict[str, Any]] = {}
+    for placement in placements:
+        metadata = metadata_by_topic.setdefault(
+            placement.topic, {"quat_order": "xyzw", "vicon": {"section": section.title}}
+        )
+        own = {section.units[at] for at in placement.columns}
         if any(stated_units.is_length(unit) for unit in own):
-            said["length_units"] = "m"
-            said.update(stated_units.converted(section.units))
-        if one.topic in fields:
-            said["units"] = stated_units.of_parents(fields[one.topic])
-    return found
+            metadata["length_units"] = "m"
+            metadata.update(stated_units.converted(section.units))
+        if placement.topic in fields:
+            metadata["units"] = stated_units.of_parents(fields[placement.topic])
+    return metadata_by_topic
 
 
-def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
+def merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
     """Return the metadata of a topic that has fields of two sections."""
-    both = {**one, **other}
+    both = {**first, **second}
     for key in ("units",):
-        if key in one and key in other:
-            both[key] = {**one[key], **other[key]}
-    if one and one.get("vicon") != other.get("vicon"):
-        both["vicon"] = {"section": f"{one['vicon']['section']}, {other['vicon']['section']}"} if "vicon" in one else {}
+        if key in first and key in second:
+            both[key] = {**first[key], **second[key]}
+    if first and first.get("vicon") != second.get("vicon"):
+        both["vicon"] = (
+            {"section": f"{first['vicon']['section']}, {second['vicon']['section']}"} if "vicon" in first else {}
+        )
     return both
 
 
@@ -76,7 +80,7 @@ def _objects(section: Section) -> dict[str, list[int]]:
     """Return the columns of each object: a name's, up to the next name, or to where its axes begin again."""
     starts: list[tuple[str, list[int]]] = []
     for at, name in enumerate(section.names):
-        if not starts or starts[-1][0] != name or section.axes[at] in [section.axes[one] for one in starts[-1][1]]:
+        if not starts or starts[-1][0] != name or section.axes[at] in [section.axes[place] for place in starts[-1][1]]:
             starts.append((name, []))
         starts[-1][1].append(at)
     names = distinct([name for name, _ in starts])

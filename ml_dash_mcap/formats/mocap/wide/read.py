@@ -53,7 +53,7 @@ def record(src: Path, recorder: Recorder, options: WideReadOptions, progress: Pr
         when, clue = Timing(options.start or 0.0), Clue(1, 0)
         first_s = row_times.first_stamp(clue, cells, file, when)
         when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
-        topics = dict.fromkeys(one.topic for one in placements)
+        topics = dict.fromkeys(placement.topic for placement in placements)
         # a row is a row of every topic that has a number in it; of a topic alone it is one in any case
         tracks = TopicRows(src, recorder, placements, dict.fromkeys(topics, when.metadata), skip_empty=len(topics) > 1)
         for part in cells.read(file, header.line + 1):
@@ -70,8 +70,8 @@ def _placements(names: Sequence[str], topic: str) -> list[Placement]:
     ]
     fields: dict[tuple[str, str], list[tuple[tuple[int, ...], int]]] = {}
     for at, (of, _, name) in enumerate(split):
-        found = _INDEXED.fullmatch(name)
-        label, index = (found[1], tuple(map(int, found[2][1:].split(".")))) if found else (name, ())
+        indexed = _INDEXED.fullmatch(name)
+        label, index = (indexed[1], tuple(map(int, indexed[2][1:].split(".")))) if indexed else (name, ())
         fields.setdefault((of, label), []).append((index, at))
     placements: list[Placement] = []
     for (of, label), entries in fields.items():

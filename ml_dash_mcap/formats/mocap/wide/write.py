@@ -27,15 +27,17 @@ def write(job: Job, options: MocapWriteOptions) -> Path:
         ConversionError: The topics have no numbers, or a field changes its size.
     """
     refuse_existing(job.dest)
-    columns = [one for topic in job.topics for one in every_number(job, topic)]
-    topics = dict.fromkeys(one.topic for one in columns)
+    columns = [column for topic in job.topics for column in every_number(job, topic)]
+    topics = dict.fromkeys(column.topic for column in columns)
     if not columns:
         names = ", ".join(map(repr, job.topics)) or "none"
         raise ConversionError(f"there are no numbers in the topics ({names}); export them with format='csv' or 'jsonl'")
     clock = rates.find(job, topics, options.rate, needs_even=False)
     take = OutgoingTake(job, options, list(columns), clock)
     header = io.StringIO()
-    labels = [f"{one.topic}{layout.TOPIC_END}{one.name}" if len(topics) > 1 else one.name for one in columns]
+    labels = [
+        f"{column.topic}{layout.TOPIC_END}{column.name}" if len(topics) > 1 else column.name for column in columns
+    ]
     csv.writer(header, lineterminator="\n").writerow([*layout.COLUMNS, *labels])
     text = TableText(end="\n", decimals=options.decimals)
     with fresh_file(job.dest) as path, path.open("wb") as file:
