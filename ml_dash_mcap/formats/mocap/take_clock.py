@@ -221,8 +221,8 @@ def _numbers(union: npt.NDArray[np.int64], spacings: dict[str, Spacing]) -> npt.
             topic, spacing = named
             reason = (
                 f"topic {topic!r} is not evenly spaced: its rows are {spacing.shortest_ns / 1e6:.6g} to"
-                f" {spacing.longest_ns / 1e6:.6g} ms apart (median {spacing.median_ns / 1e6:.6g} ms), for the first time"
-                f" at _ts={clocks.to_seconds(spacing.worst_ns)!r}"
+                f" {spacing.longest_ns / 1e6:.6g} ms apart (median {spacing.median_ns / 1e6:.6g} ms), for the first"
+                f" time at _ts={clocks.to_seconds(spacing.worst_ns)!r}"
             )
         mean = max(spacing.rate for spacing in spacings.values())
         raise ConversionError(f"{reason}; pass rate={mean:.3g} or rate='median' to resample")
