@@ -189,7 +189,7 @@ class Topic:
             self._accept(positional, MISSING, columns.get(EXACT_KEY, MISSING), {})
         if "timestamp" in columns:
             columns = self._accept((), columns.pop("timestamp"), MISSING, columns)
-        for rows in bulk.encode(_ts, columns, self.name, self._head):
+        for rows in bulk.encode(_ts, columns, self.name, self._head, self._codec):
             self._journal.add_many(rows.records, rows.starts, self.name, rows.last_s, is_uniform=rows.is_uniform)
         if self._journal.eager is not None:
             self._journal.eager()

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import clock
-from ..codecs import json_column_texts
-from ..codecs.json_column_texts import EncodedColumns
+from ..codecs.codec import Codec, EncodedColumns
 from ..errors import FieldError, TimestampError
 from ..mcap.message_records import MESSAGE_FIXED_BYTES, MESSAGE_OPCODE
 from ..rows import from_data_frames, packed
+from ..rows.encode import TIME_KEY
 from ..time_hints import seconds_hint, unit_hint
 from ..timestamps import MISSING
 from . import column_rows
@@ -26,7 +26,7 @@ _SLICE_BYTES = 1024 * 1024
 """Fewer rows at a time where they have more bytes together."""
 
 
-def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes) -> Iterator[EncodedColumns]:
+def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes, codec: Codec) -> Iterator[EncodedColumns]:
     """Check columns and return their rows as Message records.
 
     Args:
@@ -34,6 +34,7 @@ def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes) ->
         columns: By field, one value a row: arrays [N, ...], sequences of length N, or dicts of such.
         topic: For the error messages.
         head: Channel id and sequence number as they stand in a record.
+        codec: What the topic's rows are encoded with.
 
     Returns:
         An iterator over the rows, some hundred at a time.
@@ -51,13 +52,11 @@ def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes) ->
     }
     leaves = list(column_rows.leaves(checked))
     if not all(map(_is_numbers, leaves)):  # a value that cannot be stored is an error before any row is taken
-        return iter(list(_encode_rows(times, checked, topic, head)))
+        return iter(list(_encode_rows(times, checked, topic, head, codec)))
     if any(len(leaf) and packed.is_large(leaf[0]) for leaf in leaves if leaf.ndim > 1):
-        return _encode_rows(times, checked, topic, head)
-    has_gaps = any(isinstance(column, (dict, np.ma.MaskedArray)) for column in checked.values())
-    if not all(leaf.size for leaf in leaves) or not (has_gaps or all(map(_is_finite, leaves))):
-        return _encode_rows(times, checked, topic, head)
-    return json_column_texts.encode(times, checked, topic, head)
+        return _encode_rows(times, checked, topic, head, codec)
+    encoded = codec.encode_columns(times, checked, topic, head)
+    return _encode_rows(times, checked, topic, head, codec) if encoded is None else encoded
 
 
 def _check_name(name: str, topic: str) -> None:
@@ -106,18 +105,14 @@ def _is_numbers(column: Any) -> bool:
     return isinstance(column, np.ndarray) and column.dtype.kind in "fiub" and column.dtype.itemsize <= 8
 
 
-def _is_finite(array: npt.NDArray[Any]) -> bool:
-    return array.dtype.kind != "f" or bool(np.isfinite(array).all())
-
-
 def _encode_rows(
-    times: npt.NDArray[np.float64], columns: Mapping[str, Any], topic: str, head: bytes
+    times: npt.NDArray[np.float64], columns: Mapping[str, Any], topic: str, head: bytes, codec: Codec
 ) -> Iterator[EncodedColumns]:
     """Encode row by row what cannot be formatted in bulk, some rows at a time."""
     blobs: list[bytes] = []
     size = 0
     for row, time_s in enumerate(times.tolist()):
-        payload = column_rows.payload(columns, row, time_s, topic)
+        payload = codec.encode({**column_rows.fields(columns, row), TIME_KEY: time_s}, topic)
         time_ns = clock.to_nanoseconds(time_s)
         length = len(payload) + MESSAGE_FIXED_BYTES
         blobs.append(struct.pack("<BQ6sQQ", MESSAGE_OPCODE, length, head, time_ns, time_ns) + payload)

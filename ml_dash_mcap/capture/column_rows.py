@@ -9,7 +9,6 @@ import numpy as np
 
 from ..errors import FieldError
 from ..rows.encode import EXACT_KEY, TIME_KEY
-from ..rows.json_text import dumps, exact, row_value
 
 _ABSENT: Any = object()
 """Stands for a value that a row does not have."""
@@ -81,22 +80,8 @@ def leaves(columns: Mapping[str, Any]) -> Iterator[Any]:
             yield column
 
 
-def payload(columns: Mapping[str, Any], row: int, time_s: float, topic: str) -> bytes:
-    """Encode one row of checked columns.
-
-    Raises:
-        FieldError: A value cannot be stored.
-    """
-    fields = _dict(columns, row)
-    fields[TIME_KEY] = time_s
-    try:
-        encoded = dumps(fields, row_value)
-    except Exception:  # what has no JSON, or only with the side key
-        return exact(fields, topic)
-    return exact(fields, topic) if b"null" in encoded else encoded
-
-
-def _dict(columns: Mapping[str, Any], row: int) -> dict[str, Any]:
+def fields(columns: Mapping[str, Any], row: int) -> dict[str, Any]:
+    """Return the fields of one row of checked columns; those that are masked as a whole are not there."""
     values = {name: _value(column, row) for name, column in columns.items()}
     return {name: value for name, value in values.items() if value is not _ABSENT}
 
@@ -104,7 +89,7 @@ def _dict(columns: Mapping[str, Any], row: int) -> dict[str, Any]:
 def _value(column: Any, row: int) -> Any:
     """Return a row's value; `_ABSENT` where it is masked as a whole, or a dict would be empty."""
     if isinstance(column, dict):
-        return _dict(column, row) or _ABSENT
+        return fields(column, row) or _ABSENT
     if isinstance(column, np.ma.MaskedArray) and _is_masked(np.ma.getmaskarray(column)[row]):
         return _ABSENT
     return column[row]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import orjson
 
@@ -13,8 +13,12 @@ from ..rows import json_text
 from ..rows.encode import EXACT_KEY
 from ..rows.shape import Shape
 from . import json_depth, json_merge, json_schema
-from .codec import BlockForms, Codec, ColumnReader
+from .codec import BlockForms, Codec, ColumnReader, EncodedColumns
 from .encoded_channel import Decoder, EncodedChannel, Row
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 _MOST_DIGITS = 21
 """Of an integer in 64 bits, and its sign."""
@@ -45,6 +49,15 @@ class JsonCodec(Codec):
         if b"null" in payload:
             return json_text.exact(fields, topic), probe
         return payload, next((byte for byte in b"nul" if byte not in payload), probe)
+
+    def encode_columns(
+        self, times: npt.NDArray[np.float64], columns: Mapping[str, Any], topic: str, head: bytes
+    ) -> Iterator[EncodedColumns] | None:
+        """Encode rows by formatting each column as a whole."""
+        from . import json_column_texts  # numpy, which no appending thread waits for
+
+        are_worthwhile = json_column_texts.is_worthwhile(columns)
+        return json_column_texts.encode(times, columns, topic, head) if are_worthwhile else None
 
     # -- the writer ----------------------------------------------------------------------------------------------------
 

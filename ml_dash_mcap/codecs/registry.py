@@ -12,6 +12,7 @@ from .codec import Codec, MessageCodec
 
 CODECS: dict[str, str] = {
     "json": f"{__package__}.json",
+    "cbor": f"{__package__}.cbor",
     "protobuf": f"{__package__}.protobuf",
     "ros1": f"{__package__}.ros1",
     "cdr": f"{__package__}.cdr",
@@ -36,10 +37,12 @@ def find(encoding: str) -> MessageCodec | None:
 def _load(module: str) -> MessageCodec:
     try:
         codec: MessageCodec = importlib.import_module(module).CODEC
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         extra = _EXTRAS.get(error.name or "")
-        instead = f"; install it with: pip install 'ml-dash-mcap[{extra}]'" if extra else ""
-        raise EncodingError(f"the encoding needs the package {error.name}, which is not installed{instead}") from error
+        if extra is None:
+            raise
+        what = f"needs the package {error.name}, which is not installed: pip install 'ml-dash-mcap[{extra}]'"
+        raise EncodingError(f"the encoding {what}") from error
     return codec
 
 

@@ -6,11 +6,11 @@ from pathlib import Path, PurePosixPath
 
 import orjson
 
+from ..codecs.json import CODEC
 from ..inspect.topics import TopicInfo
 from ..query.topic_part import TopicPart
 from .destination import fresh_folder, name_of, refuse_existing
 from .export_job import Job, RowCounter
-from .mcap_rows import payload
 from .registry import NoOptions
 
 DATA_NAME, ABOUT_NAME = "data.jsonl", "metadata.json"
@@ -65,7 +65,7 @@ def _write(part: TopicPart, path: Path, counter: RowCounter) -> int:
     done = 0
     with path.open("xb") as file:
         for row in part.rows():
-            file.write(b'{"index":%d,"data":%s}\n' % (done, payload(row)))
+            file.write(b'{"index":%d,"data":%s}\n' % (done, CODEC.encode_read(row)))
             done += 1
             if done % _COUNTED_ROWS == 0:
                 counter.add(_COUNTED_ROWS)

@@ -7,6 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from .. import clock
+from ..codecs import json
+from ..codecs.codec import Codec
+from ..codecs.decode import codec_of
 from ..inspect import topic_schema
 from ..mcap import stored_messages
 from ..mcap.chunk_writer import build_block, compressor
@@ -18,9 +21,9 @@ from ..options import RecorderOptions
 from ..query import topic_messages, topic_rows
 from ..query.file import File
 from ..query.stored_topic import LAST_NS
-from ..query.topic_part import Row, TopicPart
+from ..query.topic_part import TopicPart
 from ..rows.encode import TIME_KEY
-from ..rows.json_text import dumps, exact_as_read
+from ..rows.json_text import dumps
 
 _ANYTHING = {"type": "object"}
 
@@ -36,8 +39,9 @@ def render(part: TopicPart) -> bytes:
     channels = part.stored.channels
     blocks: Iterator[MessageBlock] = iter(())
     if channels and (part.stored.is_track or part.columns is not None):
-        writer.add_connection(1, _connection_of_rows(part, channels))
-        blocks = _rows(part)
+        codec = _codec(channels)
+        writer.add_connection(1, _connection_of_rows(part, channels, codec))
+        blocks = _rows(part, codec)
     elif channels:
         blocks = _messages(part, _register(writer, channels))
     compress = compressor(RecorderOptions())
@@ -47,16 +51,23 @@ def render(part: TopicPart) -> bytes:
     return writer.output.data()
 
 
-def _connection_of_rows(part: TopicPart, channels: list[tuple[File, Channel]]) -> Connection:
+def _codec(channels: list[tuple[File, Channel]]) -> Codec:
+    """Return the codec that the rows were recorded with; that of JSON where there are several, or none that encodes."""
+    codec = codec_of(channels[-1][1]) if len({channel.message_encoding for _, channel in channels}) == 1 else None
+    return codec if isinstance(codec, Codec) else json.CODEC
+
+
+def _connection_of_rows(part: TopicPart, channels: list[tuple[File, Channel]], codec: Codec) -> Connection:
     file, channel = channels[-1]
     schema = file.index.schema_of(channel)
     name = schema.name if schema is not None else part.topic
-    merged = topic_schema.read(channels) or _ANYTHING
+    text = schema.data if schema is not None and codec.schema_encoding != "jsonschema" else b""
+    text = text or dumps(topic_schema.read(channels) or _ANYTHING)
     metadata = {key: text for _, channel in channels for key, text in channel.metadata.items()}
-    return Connection(part.topic, name, "jsonschema", dumps(merged), "json", tuple(metadata.items()))
+    return Connection(part.topic, name, codec.schema_encoding, text, codec.message_encoding, tuple(metadata.items()))
 
 
-def _rows(part: TopicPart) -> Iterator[MessageBlock]:
+def _rows(part: TopicPart, codec: Codec) -> Iterator[MessageBlock]:
     """Encode rows, about as many at a time as a chunk has."""
     times_ns: list[int] = []
     payloads: list[bytes] = []
@@ -64,7 +75,7 @@ def _rows(part: TopicPart) -> Iterator[MessageBlock]:
     for row in part.rows():
         # No double is as near to the last time as 2**64, which is beyond it.
         times_ns.append(min(clock.to_nanoseconds(row[TIME_KEY]), LAST_NS))
-        payloads.append(payload(row))
+        payloads.append(codec.encode_read(row))
         size += len(payloads[-1])
         if size >= CHUNK_BYTES:
             yield _block(times_ns, payloads, count)
@@ -79,15 +90,6 @@ def _block(times_ns: list[int], payloads: list[bytes], first: int) -> MessageBlo
     times = np.array(times_ns, np.uint64)
     sequences = np.arange(first, first + len(times)).astype(np.uint32)
     return MessageBlock(np.ones(len(times), np.int64), times, times, sequences, [*payloads])
-
-
-def payload(row: Row) -> bytes:
-    """Encode a row as the recorder does, `_ts` last."""
-    try:
-        encoded = dumps(row)
-    except TypeError:  # it has bytes, or lone surrogates
-        return exact_as_read(row)
-    return exact_as_read(row) if b"null" in encoded else encoded  # orjson writes NaN as null
 
 
 def _register(writer: FileWriter[MemoryOutput], channels: list[tuple[File, Channel]]) -> dict[tuple[str, int], int]:

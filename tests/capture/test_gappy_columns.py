@@ -6,28 +6,34 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import orjson
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from ml_dash_mcap.capture import column_input as bulk
+from ml_dash_mcap.codecs import cbor, json
 from ml_dash_mcap.errors import FieldError
 from ml_dash_mcap.mcap.message_records import MESSAGE_HEAD_BYTES
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
-from ml_dash_mcap.rows.json_text import restore
 
 HEAD = b"\x01\0\0\0\0\0"
 
 
 def rows_of(times: Any, columns: dict[str, Any]) -> list[dict[str, Any]]:
+    """The rows that columns are encoded as, the same in every encoding."""
+    in_json, in_cbor = (encoded_and_decoded(module, times, columns) for module in (json, cbor))
+    assert repr(in_cbor) == repr(in_json)
+    return in_json
+
+
+def encoded_and_decoded(module: Any, times: Any, columns: dict[str, Any]) -> list[dict[str, Any]]:
     rows = []
-    for encoded in bulk.encode(times, columns, "t", HEAD):
+    for encoded in bulk.encode(times, columns, "t", HEAD, module.CODEC):
         ends = [*encoded.starts[1:].tolist(), len(encoded.records)]
         rows += [
-            restore(orjson.loads(encoded.records[a + MESSAGE_HEAD_BYTES : b]))
+            module.decode(encoded.records[a + MESSAGE_HEAD_BYTES : b])
             for a, b in zip(encoded.starts.tolist(), ends, strict=True)
         ]
     return rows
