@@ -46,7 +46,7 @@ HEAVY = {
     "pyarrow": {"rows", "codecs", "query", "formats", "selection", "topic_reader", "alignment"},
     "cbor2": {"codecs.cbor"},
     "rosbags": {"codecs.ros.standard_types", "formats.ros.translate"},
-    "ruamel": {"formats.ros.yaml_text"},
+    "ruamel": {"formats.ros.bag_metadata.yaml_text"},
     "google": {"codecs.protobuf"},
     "mcap_protobuf": {"codecs.protobuf"},
     "ezc3d": {"formats.mocap.c3d.write"},

@@ -18,8 +18,8 @@ from ...file_names import SEGMENT_SUFFIX
 from ...mcap.limits import DEFAULT, Limits
 from ...mcap.message import Connection
 from .bag_contents import BagFile
-from .bag_information import NOTHING, BagInformation
 from .bag_mcap.read import McapBag
+from .bag_metadata.information import NOTHING, BagInformation
 from .bag_sqlite.layout import SUFFIX as SQLITE_SUFFIX
 from .bag_sqlite.read import SqliteBag
 

@@ -22,9 +22,9 @@ from ...mcap.records import Metadata
 from ...query import topic_rows
 from ...query.file import File
 from ..export_job import Job
-from .bag_information import BagInformation
+from .bag_metadata.information import BagInformation
+from .bag_metadata.qos_profiles import LATCHING, OFFERED, is_latched, joined
 from .bag_plan import Outlet
-from .qos_profiles import LATCHING, OFFERED, is_latched, joined
 
 Convert = Callable[[Payload], Payload]
 

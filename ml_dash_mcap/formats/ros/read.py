@@ -20,8 +20,8 @@ from ..registry import Progress
 from . import bag_folder
 from .bag_contents import Bag, batches
 from .bag_folder import FolderBag
-from .bag_information import BagInformation
 from .bag_mcap import read as bag_mcap
+from .bag_metadata.information import BagInformation
 from .bag_options import RosbagReadOptions
 from .bag_types import Types
 from .carry_in import Carrier

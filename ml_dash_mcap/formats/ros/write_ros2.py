@@ -13,9 +13,10 @@ from ...file_names import SEGMENT_SUFFIX
 from ...mcap.message import MessageBlock
 from ..destination import fresh_folder
 from ..export_job import Job, RestartableCounter
-from . import bag_versions, carry_out, qos_profiles
-from .bag_information import Description, FileContents
+from . import carry_out
 from .bag_mcap import write as bag_mcap
+from .bag_metadata import qos_profiles, versions
+from .bag_metadata.information import Description, FileContents
 from .bag_options import Rosbag2WriteOptions
 from .bag_plan import Outlet, Settings
 from .bag_sqlite import write as bag_sqlite
@@ -73,9 +74,9 @@ def export(job: Job, options: Rosbag2WriteOptions) -> Path:
     origin = carry_out.origin(job)
     storage, distro, split_bytes = options.storage, options.distro, options.split_bytes
     if distro is not None:
-        version = bag_versions.check_distro(distro)
+        version = versions.check_distro(distro)
     else:
-        distro, version = bag_versions.distro_of(origin.distro, origin.version)
+        distro, version = versions.distro_of(origin.distro, origin.version)
     room = bag_mcap.Storage.room if storage == "mcap" else bag_sqlite.Storage.room
     settings = Settings.of(options, is_ros1=False, room=room, is_in_order=split_bytes is not None)
     qos = functools.partial(qos_profiles.offered, version=version)

@@ -21,9 +21,9 @@ from ....mcap.message import CHUNK_BYTES, Connection, MessageBlock
 from ....mcap.message_records import MESSAGE_HEAD_BYTES, index_entries, message_heads
 from ....options import RecorderOptions
 from ....query.file import File
+from ..bag_metadata.qos_profiles import OFFERED
 from ..bag_plan import Outlet
 from ..carry_out import foreign_metadata
-from ..qos_profiles import OFFERED
 from ..rows_out import Sent
 
 

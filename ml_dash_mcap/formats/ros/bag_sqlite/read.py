@@ -16,7 +16,7 @@ from ....codecs.ros_channel import DIGEST_KEYS
 from ....errors import DamagedFileError, MissingRecordingError, StorageError
 from ....mcap.message import Connection, MessageBlock, Payload
 from ..bag_contents import unpacked
-from ..qos_profiles import OFFERED
+from ..bag_metadata.qos_profiles import OFFERED
 from . import layout, stored_rows
 from .stored_rows import Row
 

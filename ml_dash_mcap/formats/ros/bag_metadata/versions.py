@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ...errors import OptionError
+from ....errors import OptionError
 
 DISTROS: Mapping[str, int] = {
     **dict.fromkeys(("humble", "iron"), 8),

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
+from ..bag_plan import Outlet
 from . import yaml_text
-from .bag_plan import Outlet
 
 OFFERED = "offered_qos_profiles"
 """What a connection's metadata calls the profiles."""

@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ...codecs.ros.distros import METADATA_KEY
+from ....codecs.ros.distros import METADATA_KEY
+from ..bag_plan import Outlet
 from . import qos_profiles, yaml_text
-from .bag_plan import Outlet
 
 _VERSION = "version"
 _DISTRO = "ros_distro"
