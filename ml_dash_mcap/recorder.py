@@ -29,7 +29,7 @@ from .codecs import registry
 from .errors import PrefixError, StorageError, TopicError, UsageError
 from .file_names import PARAMETERS_RECORD, TRACK
 from .inspect.earlier_run import own_clock_until
-from .inspect.plain_words import said as in_words
+from .inspect.plain_words import seconds_text
 from .meaning.annotations import NOTHING_SAID, collect
 from .options import RecorderOptions, arguments_of, check_options, misplaced
 from .recovery import recover_folder
@@ -301,7 +301,7 @@ def _warn_of_earlier_run(folder: Path) -> None:
             " with that run's when both are read; give each run a prefix of its own, or read one run with"
             " Recording(path, run=...)",
             folder,
-            in_words(end_s),
+            seconds_text(end_s),
         )
 
 

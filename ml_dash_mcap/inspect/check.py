@@ -9,39 +9,44 @@ from ..file_names import DROPS_RECORD
 from ..query.file import File
 from . import clock_passes, topic_findings, writing_order
 from .findings import KINDS, SEVERITIES, Finding, Gathering, Kind, Occurrence, Report
-from .plain_words import rows_said
+from .plain_words import rows_text
 from .writing_order import Written
 
 _NAMED = 3
 
 
 def check(files: Sequence[File], topics: Iterable[str], *, has_all: bool) -> Report:
-    """Look at every message's time and sequence number, and at what the files say about themselves.
+    """Check every message's time and sequence number, and what the files tell about themselves.
 
     Reads every chunk that holds one of the topics, so that its checksum is verified, and decodes no payload.
 
     Args:
         files: In the order of writing.
         topics: Their names.
-        has_all: Whether these are all topics, so that the drops of any other one are told too.
+        has_all: Whether these are all topics of the recording; then refused rows of other topics count too.
     """
     names = list(topics)
-    met: list[DamagedFileError] = []
-    by_topic = writing_order.read(files, names, met, has_all=has_all)
+    damage: list[DamagedFileError] = []
+    by_topic = writing_order.read(files, names, damage, has_all=has_all)
     counted = clock_passes.counted(files)
-    found = [*_damage(files, met), *_drops(files, None if has_all else names), *_two_clocks(by_topic)]
+    findings = [*_damage(files, damage), *_drops(files, None if has_all else names), *_two_clocks(by_topic)]
     measured = []
     for topic in names:
-        findings, spacings = topic_findings.topic(topic, by_topic[topic], counted)
-        found += findings
+        of_topic, spacings = topic_findings.topic(topic, by_topic[topic], counted)
+        findings += of_topic
         measured += [] if spacings is None else [spacings]
-    found.sort(key=lambda one: (SEVERITIES.index(one.severity), KINDS.index(one.kind), one.topic or ""))
-    return Report(tuple(found), tuple(names), tuple(measured))
+    findings.sort(key=_rank)
+    return Report(tuple(findings), tuple(names), tuple(measured))
 
 
-def _damage(files: Sequence[File], met: Sequence[DamagedFileError]) -> list[Finding]:
-    """Return what is broken, and what indexes and statistics say wrongly."""
-    kinds: dict[str, Kind] = {str(error): "damage" for error in met}
+def _rank(finding: Finding) -> tuple[int, int, str]:
+    """Return what findings are sorted by: the worst first."""
+    return SEVERITIES.index(finding.severity), KINDS.index(finding.kind), finding.topic or ""
+
+
+def _damage(files: Sequence[File], errors: Sequence[DamagedFileError]) -> list[Finding]:
+    """Return what is broken, and where indexes and statistics are wrong."""
+    kinds: dict[str, Kind] = {str(error): "damage" for error in errors}
     for loss in (loss for file in files for loss in file.losses):
         kinds.setdefault(str(loss), "index" if loss.corrected else "damage")
     gathered = Gathering(None)
@@ -51,15 +56,15 @@ def _damage(files: Sequence[File], met: Sequence[DamagedFileError]) -> list[Find
 
 
 def _drops(files: Sequence[File], topics: Sequence[str] | None) -> list[Finding]:
-    """Return what the recorders had to refuse; of each one, the last thing that it said counts."""
+    """Return how many rows the recorders had to refuse; of each recorder, its last record counts."""
     last: dict[tuple[str, str], int] = {}
     for file in files:
         try:
-            said = [one.values for one in file.metadata() if one.name == DROPS_RECORD]
+            records = [record.values for record in file.metadata() if record.name == DROPS_RECORD]
         except DamagedFileError:  # the damage is told
             continue
         run = writing_order.run_of(file) or file.source.name
-        last.update({(run, topic): _count(text) for values in said for topic, text in values.items()})
+        last.update({(run, topic): _count(text) for values in records for topic, text in values.items()})
     totals: dict[str, int] = {}
     for (_, topic), count in last.items():
         totals[topic] = totals.get(topic, 0) + count
@@ -69,7 +74,7 @@ def _drops(files: Sequence[File], topics: Sequence[str] | None) -> list[Finding]
 
 def _refused(topic: str, count: int) -> list[Finding]:
     gathered = Gathering(topic)
-    what = f"{rows_said(count)} refused, because the recorder's backlog was full"
+    what = f"{rows_text(count)} refused, because the recorder's backlog was full"
     gathered.add("drops", Occurrence(None, what, count, count))
     return gathered.all()
 
@@ -79,12 +84,12 @@ def _count(text: str) -> int:
 
 
 def _two_clocks(by_topic: Mapping[str, Sequence[Written]]) -> list[Finding]:
-    """Tell if some topics run on the wall clock, and others on one that starts near 0."""
+    """Return a finding if some topics run on the wall clock, and others on a clock that starts near 0."""
     near_0, wall = [], []
     for topic, runs in by_topic.items():
         early, late = topic_findings.clocks(runs)
         if early and late:
-            return []  # what is said about that topic says it all
+            return []  # that topic has a finding of its own, which tells all
         near_0 += [topic] if early else []
         wall += [topic] if late else []
     if not near_0 or not wall:

@@ -20,19 +20,19 @@ Times = npt.NDArray[np.uint64]
 
 @dataclass(frozen=True, slots=True)
 class Counted:
-    """What a recorder counted of one topic while it wrote: its file does not show it, for these rows are merged."""
+    """A recorder's figures on one topic, kept while it wrote; no file shows them, because these rows are merged."""
 
     steps: int = 0
     """How often a row's time lay before that of the row appended before it."""
     by_ns: int = 0
-    """How far at most."""
+    """The longest such step, in ns."""
     merged: int = 0
     """Rows that were merged with one of the same time from before such a step."""
     overwritten: int = 0
     """Those among them that brought fields which the earlier row had too."""
 
     def __add__(self, other: Counted) -> Counted:
-        """Return both together."""
+        """Return the figures of both together."""
         return Counted(
             self.steps + other.steps,
             max(self.by_ns, other.by_ns),
@@ -42,7 +42,7 @@ class Counted:
 
 
 def counted(files: Sequence[File]) -> dict[tuple[str, str], Counted]:
-    """Return what recorders counted, by recorder and topic; what is said of a block twice counts once."""
+    """Return the figures that recorders kept, by recorder and topic; two records about one block count once."""
     blocks: dict[tuple[str, str], Mapping[str, Any]] = {}
     for file in files:
         try:
@@ -54,11 +54,11 @@ def counted(files: Sequence[File]) -> dict[tuple[str, str], Counted]:
                     blocks[run, record.values.get("block", "")] = _topics(record.values.get("topics", ""))
         except DamagedFileError:  # the damage is told
             continue
-    found: dict[tuple[str, str], Counted] = {}
+    totals: dict[tuple[str, str], Counted] = {}
     for (run, _), topics in blocks.items():
         for topic, values in topics.items():
-            found[run, topic] = found.get((run, topic), Counted()) + _counted(values)
-    return found
+            totals[run, topic] = totals.get((run, topic), Counted()) + _counted(values)
+    return totals
 
 
 def _topics(text: str) -> Mapping[str, Any]:
@@ -81,5 +81,5 @@ def shared_within(times_ns: Times) -> int:
 
 
 def shared_with(times_ns: Times, earlier: Sequence[Times]) -> int:
-    """Return how many times of a recorder those before it have too."""
+    """Return how many of a recorder's times are also times of the recorders before it."""
     return int(np.isin(np.unique(times_ns), np.concatenate(earlier)).sum())

@@ -1,4 +1,4 @@
-"""What the latest run in a folder says to the next one."""
+"""The clock of the latest run in a folder, which the next run must not mix with its own."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..query.file import File
 from . import run_metadata
 
 _MOST_FILES = 16
-"""So many files are opened at most: one that holds logs only tells nothing."""
+"""So many files are opened at most: a file that holds only logs tells nothing."""
 
 _LATE_S = 60.0
 """Rows that end so long before their file was begun, in seconds, are not of the time at which they were recorded."""
@@ -40,13 +40,13 @@ def _tracks_span(path: Path) -> tuple[float, float] | None:
     """Return when a file of ours was begun and where its times end, in s; None without messages on a user's topic."""
     file = File(path)
     try:
-        said = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
+        metadata = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
         counts = file.index.message_counts
         users = [id_ for id_, channel in file.index.channels.items() if not channel.topic.startswith(OWN_TOPICS)]
-        if "run" not in said or not any(counts.get(id_) for id_ in users):
+        if "run" not in metadata or not any(counts.get(id_) for id_ in users):
             return None
         ends = [clock.to_seconds(end_ns) for _, end_ns in run_metadata.spans([file])]
-        return (_begun_s(said.get("start", "")), max(ends)) if ends else None
+        return (_begun_s(metadata.get("start", "")), max(ends)) if ends else None
     finally:
         file.close()
 

@@ -32,7 +32,7 @@ class Episode:
     end: float | None
     """Last time stamp, included, in s; None if it goes on, or if its recording died."""
     success: bool | None
-    """None where nobody said."""
+    """None where it is not known."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -65,21 +65,21 @@ def _is_mark(row: Row) -> bool:
 
 
 class _Begins:
-    """When recorders took their first rows, looked up when it is asked for."""
+    """The times of recorders' first rows, looked up when they are asked for."""
 
     def __init__(self, files: Sequence[File]) -> None:
         self._files = files
-        self._known: dict[str, float | None] = {}
+        self._first_by_run: dict[str, float | None] = {}
 
     def of(self, run: str) -> float | None:
         """Return a recorder's first time stamp on a topic of the user's, in s; None if it took no row."""
-        if run not in self._known:
+        if run not in self._first_by_run:
             files = [file for file in self._files if writing_order.run_of(file) == run]
             topics = {topic for file in files for topic in file.glance.channels_by_topic}
             users = [StoredTopic(files, topic) for topic in topics if not topic.startswith(OWN_TOPICS)]
             starts = [counts.first(topic)[0] for topic in users]
-            self._known[run] = min((start for start in starts if start is not None), default=None)
-        return self._known[run]
+            self._first_by_run[run] = min((start for start in starts if start is not None), default=None)
+        return self._first_by_run[run]
 
 
 def _episode(index: int, row: Row, begins: _Begins) -> Episode:

@@ -1,4 +1,4 @@
-"""What a check of a recording found, in values and in words."""
+"""The results of a check of a recording, as values and as text."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from .plain_words import rows_said, said
+from .plain_words import rows_text, seconds_text
 from .row_spacing import Spacings
 
 Kind = Literal["damage", "drops", "missing", "index", "clock", "gap", "late"]
@@ -35,7 +35,7 @@ MOST_LISTED = 1000
 
 @dataclass(frozen=True, slots=True)
 class Occurrence:
-    """One place where something was found."""
+    """One place where something is wrong."""
 
     time: float | None
     """Where it begins, in s; None where no time tells."""
@@ -47,18 +47,18 @@ class Occurrence:
     """How bad it is, among those of its kind: a duration in s, or a number of rows."""
 
     def __str__(self) -> str:
-        return self.what if self.time is None else f"at {said(self.time)}: {self.what}"
+        return self.what if self.time is None else f"at {seconds_text(self.time)}: {self.what}"
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Everything of one kind that was found on one topic."""
+    """Everything of one kind that is wrong on one topic."""
 
     topic: str | None
-    """Whose; None if it is the recording's."""
+    """The topic; None for what concerns the whole recording."""
     kind: Kind
     """- "damage": bytes that are broken, or a file without its end;
-    - "index": what an index, the statistics or the summary say that is not so; what is so is read from the data;
+    - "index": an index, the statistics or the summary contradict the data, which are read instead;
     - "drops": rows that the recorder had to refuse;
     - "missing": sequence numbers that are not there;
     - "clock": times that step back or leap on, in the order of writing, or begin again in the next run, so that rows
@@ -87,17 +87,17 @@ class Finding:
         return "error" if self.kind == "clock" and self.rows else _SEVERITY_OF[self.kind]
 
     def __str__(self) -> str:
-        return self.what if self.count > 1 or self.time is None else f"at {said(self.time)}: {self.what}"
+        return self.what if self.count > 1 or self.time is None else f"at {seconds_text(self.time)}: {self.what}"
 
 
 class Gathering:
-    """What is found of one topic, or of the recording, while it is looked for."""
+    """Collects the findings of one topic, or of the whole recording."""
 
     def __init__(self, topic: str | None) -> None:
         """Begin with nothing.
 
         Args:
-            topic: Whose; None for what is the recording's.
+            topic: The topic; None for the whole recording.
         """
         self._topic = topic
         self._listed: dict[Kind, list[Occurrence]] = {}
@@ -106,7 +106,7 @@ class Gathering:
         self._rows: dict[Kind, int] = {}
 
     def add(self, kind: Kind, occurrence: Occurrence) -> None:
-        """Take one place in."""
+        """Count and list one place."""
         self._counts[kind] = self._counts.get(kind, 0) + 1
         self._rows[kind] = self._rows.get(kind, 0) + occurrence.rows
         worst = self._worst.get(kind)
@@ -124,27 +124,27 @@ class Gathering:
         count, rows, places = self._counts[kind], self._rows[kind], self._listed[kind]
         if worst not in places:
             places = [*places, worst]
-        places = sorted(places, key=lambda one: (one.time is not None, one.time or 0.0))
+        places = sorted(places, key=lambda place: (place.time is not None, place.time or 0.0))
         what = worst.what if count == 1 else _summed_up(kind, count, rows, worst)
         return Finding(self._topic, kind, worst.time, what, count, rows, tuple(places))
 
 
 def _summed_up(kind: Kind, count: int, rows: int, worst: Occurrence) -> str:
-    """Say in one line what is at several places."""
+    """Return one line of text about several places."""
     if kind == "gap":
-        return f"{count} gaps, in which there are {rows_said(rows)} as a rule; the longest {worst}"
+        return f"{count} gaps, in which there are {rows_text(rows)} as a rule; the longest {worst}"
     if kind == "missing":
-        return f"{rows_said(rows)} missing at {count} places; most of them {worst}"
+        return f"{rows_text(rows)} missing at {count} places; most of them {worst}"
     if kind == "late":
-        return f"{rows_said(rows)} at {count} places written after one of a later time; the latest {worst}"
+        return f"{rows_text(rows)} at {count} places written after one of a later time; the latest {worst}"
     if kind == "clock" and rows:
-        return worst.what if worst.rows == rows else f"{rows_said(rows)} merged in all; most of them {worst}"
+        return worst.what if worst.rows == rows else f"{rows_text(rows)} merged in all; most of them {worst}"
     return f"{count} times; {'the first: ' if worst.time is None else 'the largest '}{worst}"
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a check found: true if there is nothing to act on.
+    """The result of a check: true if there is nothing to act on.
 
     Example:
         >>> report = rec.check()
@@ -173,16 +173,23 @@ class Report:
         """Return the findings in words, a line each, and the spacings of topics with long ones that are no gaps."""
         looked_at = f"{len(self.topics)} topic{'' if len(self.topics) == 1 else 's'}"
         lines = [f"{self._counted()} in {looked_at}"]
+        lines += map(_line, self.findings)
+        gaps = {finding.topic: finding.count for finding in self.findings if finding.kind == "gap"}
         lines += [
-            f"{one.severity}: {'' if one.topic is None else f'{one.topic}: '}{one.kind}: {one}" for one in self.findings
+            f"spacing: {spacings.topic}: {spacings}"
+            for spacings in self.spacings
+            if spacings.long > gaps.get(spacings.topic, 0)
         ]
-        gaps = {one.topic: one.count for one in self.findings if one.kind == "gap"}
-        lines += [f"spacing: {one.topic}: {one}" for one in self.spacings if one.long > gaps.get(one.topic, 0)]
         return "\n".join(lines)
 
     def _counted(self) -> str:
         if not self.findings:
             return "nothing found"
-        counts = {severity: sum(one.severity == severity for one in self.findings) for severity in SEVERITIES}
+        counts = {severity: sum(finding.severity == severity for finding in self.findings) for severity in SEVERITIES}
         parts = [f"{count} {severity}{'' if count == 1 else 's'}" for severity, count in counts.items() if count]
         return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
+def _line(finding: Finding) -> str:
+    topic = "" if finding.topic is None else f"{finding.topic}: "
+    return f"{finding.severity}: {topic}{finding.kind}: {finding}"

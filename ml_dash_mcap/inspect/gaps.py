@@ -1,4 +1,4 @@
-"""Where rows are missing, told by the times of those that are there."""
+"""Gaps in a topic: where the times of its rows are too far apart."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def find(topic: StoredTopic, longer_than_s: Any = None) -> list[Gap]:
     """Return a topic's gaps, in time order; looks at the message indexes only.
 
     Args:
-        topic: Which one.
+        topic: The topic.
         longer_than_s: What a gap is longer than, in s; 1.5 times the median spacing by default.
 
     Raises:

@@ -16,7 +16,7 @@ def line(name: str, files: int, duration_s: float, topics: Mapping[str, Callable
     """Return a recording in one line: its name, files, duration, and topics with their rows.
 
     Args:
-        name: What was opened.
+        name: Of the recording, as it was opened.
         files: How many there are.
         duration_s: From the first message to the last, in s.
         topics: Names to what counts their rows; only the first few are counted.
@@ -24,8 +24,8 @@ def line(name: str, files: int, duration_s: float, topics: Mapping[str, Callable
     named = [f"{topic} ({_counted(count)})" for topic, count in list(topics.items())[:_NAMED]]
     more = [f"and {len(topics) - _NAMED} more"] if len(topics) > _NAMED else []
     listed = f": {', '.join([*named, *more])}" if topics else ""
-    said = f"{_number(files, 'file')}, {duration_s:.6g} s, {_number(len(topics), 'topic')}{listed}"
-    return f"<Recording {name!r}: {said}>"
+    figures = f"{_number(files, 'file')}, {duration_s:.6g} s, {_number(len(topics), 'topic')}{listed}"
+    return f"<Recording {name!r}: {figures}>"
 
 
 def table(title: str, topics: Mapping[str, TopicInfo]) -> str:

@@ -1,4 +1,4 @@
-"""How far apart a topic's rows are: what is usual, how much that varies, and what is too far."""
+"""How far apart a topic's rows are: the usual spacing, how much it varies, and from where on it is a gap."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from .. import clock
 from . import gaps
-from .plain_words import brief
+from .plain_words import brief_duration
 
 Times = npt.NDArray[np.uint64]
 
@@ -60,8 +60,8 @@ class Spacings:
 
     def __str__(self) -> str:
         above = f", {self.long} above {gaps.USUAL_FACTOR} times the usual" if self.long else ""
-        ends = f"nine in ten between {brief(self.low)} and {brief(self.high)}"
-        return f"{brief(self.usual)} as a rule, {ends}, the longest {brief(self.longest)}{above}"
+        ends = f"nine in ten between {brief_duration(self.low)} and {brief_duration(self.high)}"
+        return f"{brief_duration(self.usual)} as a rule, {ends}, the longest {brief_duration(self.longest)}{above}"
 
 
 def measure(topic: str, times_ns: Times, spacings_ns: Times) -> Spacings | None:
@@ -74,7 +74,7 @@ def measure(topic: str, times_ns: Times, spacings_ns: Times) -> Spacings | None:
     """
     if len(spacings_ns) < FEWEST:
         return None
-    low, middle, high = (float(one) for one in np.quantile(spacings_ns, (_LOW, 0.5, _HIGH)))
+    low, middle, high = (float(spacing) for spacing in np.quantile(spacings_ns, (_LOW, 0.5, _HIGH)))
     at = int(spacings_ns.argmax())
     return Spacings(
         topic=topic,
@@ -111,5 +111,5 @@ def limit_ns(spacings_ns: Times) -> float:
 def _on_grid(spacings_ns: Times, usual_ns: float, within: float = _ON_GRID) -> npt.NDArray[np.bool_]:
     """Tell which spacings are within a part of the usual one of a multiple of it."""
     times = spacings_ns / max(usual_ns, 1.0)
-    found: npt.NDArray[np.bool_] = np.abs(times - np.maximum(np.round(times), 1.0)) <= within
-    return found
+    is_near: npt.NDArray[np.bool_] = np.abs(times - np.maximum(np.round(times), 1.0)) <= within
+    return is_near

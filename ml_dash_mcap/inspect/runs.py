@@ -17,7 +17,7 @@ from ..query.stored_topic import StoredTopic
 from . import run_metadata, writing_order
 
 ENDED = ("completed", "failed", "cancelled")
-"""How a run says that it ended."""
+"""The ways to end that a run may state."""
 
 _SHOWN = 5
 
@@ -38,8 +38,8 @@ class RunInfo:
     id: str
     """Names it: the same text in all its files. A file of another program is a run of its own, named as the file."""
     status: str
-    """How it ended: "completed", "failed" or "cancelled"; "died" if nobody said. "recording" while it is recorded.
-    Where nobody says how it stands, as with a `Recorder` alone: "finished", or "unfinished" if a file lacks its end."""
+    """How it ended: "completed", "failed" or "cancelled"; "died" if it did not state any; "recording" while it goes on.
+    A run without a status, as of a `Recorder` alone, is "finished", or "unfinished" if a file lacks its end."""
     start: float | None
     """Time of its first message on any topic, in s; None without messages."""
     end: float | None
@@ -49,7 +49,7 @@ class RunInfo:
     counts: Mapping[str, int] = field(compare=False, repr=False)
     """Topic names, without the library's own ones, to its rows after merging; each is counted when it is asked for."""
     metadata: Mapping[str, str] = field(compare=False, repr=False)
-    """What the run's first file says of it: its prefix, host, library, `run_start` and so on."""
+    """From the run's first file: its prefix, host, library, `run_start` and so on."""
 
     @property
     def duration(self) -> float:
@@ -62,18 +62,18 @@ def id_of(file: File) -> str:
     return writing_order.run_of(file) or file.path.name.removesuffix(ACTIVE_SUFFIX)
 
 
-def status_of(said: str | None, *, is_recorded: bool, is_finished: bool) -> str:
+def status_of(stated: str | None, *, is_recorded: bool, is_finished: bool) -> str:
     """Return how a run stands.
 
     Args:
-        said: What it says itself, if anything.
+        stated: The status in its own records; None without one.
         is_recorded: Whether its recorder lives.
         is_finished: Whether all its files have their end.
     """
     if is_recorded:
         return "recording"
-    if said is not None:
-        return said if said in ENDED else "died"
+    if stated is not None:
+        return stated if stated in ENDED else "died"
     return "finished" if is_finished else "unfinished"
 
 
@@ -135,7 +135,7 @@ def choose(files: Sequence[File], wanted: Any) -> str:
         raise NotFoundError(f"run={wanted}: the recording has {len(ids)} run{'' if len(ids) == 1 else 's'}")
     if not isinstance(wanted, str) or not wanted:
         raise OptionError(f"run={wanted!r}: pass a run's id, or its number (0 for the first, -1 for the last)")
-    alike = [wanted] if wanted in ids else [one for one in ids if one.startswith(wanted)]
+    alike = [wanted] if wanted in ids else [id_ for id_ in ids if id_.startswith(wanted)]
     if len(alike) == 1:
         return alike[0]
     shown = ", ".join(map(repr, (alike or ids)[:_SHOWN])) + (", ..." if len(alike or ids) > _SHOWN else "")

@@ -1,4 +1,4 @@
-"""What the order of writing tells about times: rows that came late, and clocks that were set."""
+"""Times that are out of order in the order of writing: rows that came late, and clocks that were set."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Late:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A place from which on the times lie elsewhere."""
+    """A place where the clock was set, back or ahead."""
 
     at: int
     """Place of the first row there, in the order of writing."""
@@ -97,8 +97,8 @@ def _were_set_back(
     first_depth, last_depth = latest[firsts] - part[firsts], latest[lasts - 1] - part[lasts - 1]
     is_deep = first_depth > _CLOSE_SPACINGS * usual_ns
     is_overtaken = np.where(lasts < len(part), last_depth <= _CLOSE_SPACINGS * usual_ns, lasts - firsts > 1)
-    found: Flags = is_deep & is_overtaken
-    return found
+    is_set_back: Flags = is_deep & is_overtaken
+    return is_set_back
 
 
 def _leaps(part: Times, latest: Times, start: int, usual_ns: float) -> list[Step]:

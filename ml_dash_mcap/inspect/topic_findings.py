@@ -1,4 +1,4 @@
-"""What is wrong with one topic, told by its times and sequence numbers."""
+"""The findings of one topic, from its times and sequence numbers."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .. import clock
 from . import clock_passes, gaps, row_spacing, time_steps_back
 from .clock_passes import Counted
 from .findings import Finding, Gathering, Occurrence
-from .plain_words import rows_said, said
+from .plain_words import rows_text, seconds_text
 from .row_spacing import Spacings
 from .time_steps_back import Step
 from .writing_order import Written
@@ -27,15 +27,15 @@ _WORST = 1e12
 def topic(
     name: str, runs: Sequence[Written], counted: Mapping[tuple[str, str], Counted]
 ) -> tuple[list[Finding], Spacings | None]:
-    """Judge a topic.
+    """Check one topic.
 
     Args:
         name: The topic.
-        runs: What each recorder wrote of it.
-        counted: What recorders counted while they wrote, by recorder and topic.
+        runs: Its messages by recorder.
+        counted: The figures that recorders kept while they wrote, by recorder and topic.
 
     Returns:
-        What is wrong, and how far apart its rows are.
+        Its findings, and how far apart its rows are.
     """
     gathered = Gathering(name)
     for run in runs:
@@ -43,11 +43,12 @@ def topic(
     _find_two_clocks(runs, gathered)
     pauses = {int(run.times_ns.min()) for run in runs if run.is_ours and len(run.times_ns)}
     measured = [
-        _judge_clock(name, part, pauses, counted, gathered)
+        _check_clock(name, part, pauses, counted, gathered)
         for part in (_parts(runs, near_0=True), _parts(runs, near_0=False))
     ]
     _find_mixed_unseen(name, runs, counted, gathered)
-    return gathered.all(), max((one for one in measured if one is not None), key=lambda one: one.count, default=None)
+    spacings = [some for some in measured if some is not None]
+    return gathered.all(), max(spacings, key=lambda some: some.count, default=None)
 
 
 def clocks(runs: Sequence[Written]) -> tuple[int, int]:
@@ -63,13 +64,16 @@ def _parts(runs: Sequence[Written], *, near_0: bool) -> list[tuple[Written, Time
 
 
 def _find_missing(run: Written, gathered: Gathering) -> None:
-    """Find numbers that no message has; of other tools' files, only where the numbers mostly go on by ones."""
+    """Find sequence numbers that no message has.
+
+    In other tools' files, that is only looked for where most numbers are one greater than the number before.
+    """
     steps = np.diff(run.sequences)  # unsigned: a counter may begin again at 0
     if not run.is_ours and 2 * int((steps == 1).sum()) <= len(steps):
         return
     for at in np.flatnonzero((steps > 1) & (steps < _HALF)).tolist():
         count, first = int(steps[at]) - 1, int(run.sequences[at]) + 1
-        what = f"{rows_said(count)} missing after this one (sequence numbers {first} to {first + count - 1})"
+        what = f"{rows_text(count)} missing after this one (sequence numbers {first} to {first + count - 1})"
         gathered.add("missing", _at(int(run.times_ns[at]), what, count, count))
 
 
@@ -77,36 +81,36 @@ def _find_two_clocks(runs: Sequence[Written], gathered: Gathering) -> None:
     early, late = clocks(runs)
     if early and late:
         first = next(int(run.times_ns[0]) for run in runs if len(run.times_ns))
-        what = f"two kinds of clocks on one topic: {rows_said(early)} near 0, {rows_said(late)} in wall-clock time"
+        what = f"two kinds of clocks on one topic: {rows_text(early)} near 0, {rows_text(late)} in wall-clock time"
         gathered.add("clock", _at(first, what, size=_WORST))
 
 
-def _judge_clock(
+def _check_clock(
     name: str,
     parts: Sequence[tuple[Written, Times]],
     pauses: set[int],
     counted: Mapping[tuple[str, str], Counted],
     gathered: Gathering,
 ) -> Spacings | None:
-    """Judge the times of one kind of clock, near 0 or not; returns how far apart they are.
+    """Check the times of one kind of clock, near 0 or not; returns how far apart they are.
 
     Args:
         name: The topic.
         parts: Of each recorder, its times in the order of writing.
-        pauses: Times before which nobody recorded.
-        counted: What recorders counted, by recorder and topic.
-        gathered: Gets what is wrong.
+        pauses: Times of first messages, before which no recorder ran.
+        counted: The figures that recorders kept, by recorder and topic.
+        gathered: Gets the findings.
     """
     leaps: set[int] = set()
     for run, times in parts:
         lates, steps = time_steps_back.find(times)
         for late in lates:
-            what = f"{rows_said(late.count)} written after one of {_span(late.by_ns)} later"
+            what = f"{rows_text(late.count)} written after one of {_span(late.by_ns)} later"
             gathered.add("late", _at(int(times[late.first]), what, late.count, clock.to_seconds(late.by_ns)))
         for step in steps:
             leaps.add(step.to_ns)
             size = clock.to_seconds(abs(step.to_ns - step.from_ns))
-            gathered.add("clock", _at(step.to_ns, _said_of(step), size=size))
+            gathered.add("clock", _at(step.to_ns, _step_text(step), size=size))
         if run.merges:
             _find_mixed(times, steps, counted.get((run.run, name), Counted()), gathered)
     _find_restarts(parts, gathered)
@@ -131,25 +135,25 @@ def _find_mixed(times: Times, steps: Sequence[Step], hidden: Counted, gathered: 
     count = hidden.steps if hidden.overwritten else len(backs)
     by_ns = max([hidden.by_ns, *(step.from_ns - step.to_ns for step in backs)])
     begins = f"time steps back {count} time{'' if count == 1 else 's'}, by {_span(by_ns)} at most"
-    what = f"{begins}, and {_merged_said(rows)} rows of the same time from before"
+    what = f"{begins}, and {_merged_text(rows)} rows of the same time from before"
     gathered.add("clock", _at(backs[0].to_ns if backs else int(times.min()), what, rows, _WORST + rows))
 
 
 def _find_mixed_unseen(
     name: str, runs: Sequence[Written], counted: Mapping[tuple[str, str], Counted], gathered: Gathering
 ) -> None:
-    """Tell of rows that came late and brought their own fields to rows of the same time: nothing of these is lost."""
+    """Find rows that came late with more fields for rows of the same time: nothing of these is lost."""
     for run in runs:
         hidden = counted.get((run.run, name), Counted())
         rows = hidden.merged - hidden.overwritten
         if rows > 0 and len(run.times_ns):
             times = f"up to {_span(hidden.by_ns)} later"
-            what = f"{rows_said(rows)} appended after one of {times}, with more fields for rows of the same time"
+            what = f"{rows_text(rows)} appended after one of {times}, with more fields for rows of the same time"
             gathered.add("late", _at(int(run.times_ns.min()), what, rows, clock.to_seconds(hidden.by_ns)))
 
 
 def _find_restarts(parts: Sequence[tuple[Written, Times]], gathered: Gathering) -> None:
-    """Find recorders whose times lie among those of the ones before, so that their rows do too."""
+    """Find recorders whose times begin before the end of an earlier recorder's times."""
     earlier: list[Times] = []
     latest_ns = -1
     for run, times in parts:
@@ -161,10 +165,10 @@ def _find_restarts(parts: Sequence[tuple[Written, Times]], gathered: Gathering) 
 
 
 def _add_restart(first_ns: int, latest_ns: int, merged: int, gathered: Gathering) -> None:
-    """Tell of a recorder that begins before the last one's end; on the wall clock, two may well record at once."""
+    """Add a recorder that begins before the end of the last one; on the wall clock, two may well record at once."""
     what = f"the times of the next recorder begin here, before the end of the last one at {_span(latest_ns)}"
     if merged:
-        what += f", and {_merged_said(merged)} rows of the same time there; Recording(path, run=...) reads one run"
+        what += f", and {_merged_text(merged)} rows of the same time there; Recording(path, run=...) reads one run"
         gathered.add("clock", _at(first_ns, what, merged, _WORST + merged))
     elif first_ns < _EPOCH_NS:
         gathered.add("clock", _at(first_ns, what, size=clock.to_seconds(latest_ns - first_ns)))
@@ -177,7 +181,7 @@ def _find_gaps(times: Times, widths: Times, is_pause: npt.NDArray[np.bool_], gat
         times: In order, each once, [N + 1].
         widths: The spacings between them, [N].
         is_pause: Which of these are pauses, [N].
-        gathered: Gets what is wrong.
+        gathered: Gets the findings.
     """
     ours = widths[~is_pause]
     if not len(ours):
@@ -195,14 +199,14 @@ def _at(time_ns: int, what: str, rows: int = 0, size: float = 0.0) -> Occurrence
 
 
 def _span(ns: int) -> str:
-    return said(clock.to_seconds(ns))
+    return seconds_text(clock.to_seconds(ns))
 
 
-def _merged_said(rows: int) -> str:
-    return f"{rows_said(rows)} {'is' if rows == 1 else 'are'} merged with"
+def _merged_text(rows: int) -> str:
+    return f"{rows_text(rows)} {'is' if rows == 1 else 'are'} merged with"
 
 
-def _said_of(step: Step) -> str:
+def _step_text(step: Step) -> str:
     by = _span(abs(step.to_ns - step.from_ns))
     before = _span(step.from_ns)
     if step.to_ns < step.from_ns:

@@ -25,9 +25,9 @@ class Written:
     """The messages of one topic that one recorder wrote, in the order of writing."""
 
     run: str
-    """Names the recorder: what its segments say, or else the file's path."""
+    """The recorder's id in its segments, or else the file's path."""
     is_ours: bool
-    """Whether the recorder was one of this library, which numbers a topic's rows one by one."""
+    """Whether the recorder was one of this library, which counts a topic's rows in the sequence numbers."""
     merges: bool
     """Whether its rows of one time are one row when they are read."""
     times_ns: npt.NDArray[np.uint64]
@@ -37,7 +37,7 @@ class Written:
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
+class _WrittenPart:
     """Messages of one topic in one chunk."""
 
     topic: str
@@ -62,36 +62,36 @@ def read(
     Args:
         files: In the order of writing.
         topics: Their names.
-        damage: Gets what is broken, which the result leaves out.
-        has_all: Whether to read all other chunks too, and hold all that the indexes and statistics say against them.
+        damage: Gets the errors of broken parts, which the result leaves out.
+        has_all: Whether to read all other chunks too, and compare the indexes and statistics with them.
 
     Returns:
-        By topic, what each recorder wrote, in the order of the recorders' first files.
+        By topic, the messages of each recorder, in the order of the recorders' first files.
     """
-    by_run: dict[tuple[str, str, bool], list[_Part]] = {}
+    by_run: dict[tuple[str, str, bool], list[_WrittenPart]] = {}
     for file in files:
         run = run_of(file)
         for part in (_parts_of_all if has_all else _parts)(file, topics, damage):
             by_run.setdefault((part.topic, run or file.source.name, run is not None), []).append(part)
-    found: dict[str, list[Written]] = {topic: [] for topic in topics}
+    by_topic: dict[str, list[Written]] = {topic: [] for topic in topics}
     for (topic, name, is_ours), parts in by_run.items():
         times = np.concatenate([part.times_ns for part in parts])
         merges = is_ours and all(part.merges for part in parts)
         sequences = np.concatenate([part.sequences for part in parts])
-        found[topic].append(Written(name, is_ours, merges, times, sequences))
-    return found
+        by_topic[topic].append(Written(name, is_ours, merges, times, sequences))
+    return by_topic
 
 
 def run_of(file: File) -> str | None:
-    """Return what names the recorder of this library that wrote a file; None for other tools' files."""
+    """Return the id of the recorder of this library that wrote a file; None for other tools' files."""
     try:
-        return next((one.values.get("run") for one in file.metadata() if one.name == ABOUT_RECORD), None)
+        return next((record.values.get("run") for record in file.metadata() if record.name == ABOUT_RECORD), None)
     except DamagedFileError:  # whoever reads the metadata is told
         return None
 
 
 @replanned
-def _parts(file: File, topics: Collection[str], damage: list[DamagedFileError]) -> list[_Part]:
+def _parts(file: File, topics: Collection[str], damage: list[DamagedFileError]) -> list[_WrittenPart]:
     """Return the messages of some topics in a file, chunk by chunk."""
     try:
         index = file.index
@@ -100,37 +100,37 @@ def _parts(file: File, topics: Collection[str], damage: list[DamagedFileError]) 
         return []
     wanted = {id_: channel.topic for id_, channel in index.channels.items() if channel.topic in topics}
 
-    def do(chunk: Chunk) -> list[_Part] | DamagedFileError:
+    def read_chunk(chunk: Chunk) -> list[_WrittenPart] | DamagedFileError:
         try:
             return _parts_of(file, chunk, wanted)
         except DamagedFileError as error:
             return error
 
-    found: list[_Part] = []
+    parts: list[_WrittenPart] = []
     chunks = (index.chunks[at] for at in chunk_table.holding(index.chunks, wanted, 0, LAST_NS).tolist())
-    for parts in read_ahead.in_order(do, chunks, weigh=lambda chunk: chunk.uncompressed_size):
-        if isinstance(parts, DamagedFileError):
-            damage.append(parts)
+    for chunk_parts in read_ahead.in_order(read_chunk, chunks, weigh=lambda chunk: chunk.uncompressed_size):
+        if isinstance(chunk_parts, DamagedFileError):
+            damage.append(chunk_parts)
         else:
-            found += parts
-    return found
+            parts += chunk_parts
+    return parts
 
 
-def _parts_of_all(file: File, topics: Collection[str], damage: list[DamagedFileError]) -> list[_Part]:
-    """Do the same as `_parts`, and audit the file."""
+def _parts_of_all(file: File, topics: Collection[str], damage: list[DamagedFileError]) -> list[_WrittenPart]:
+    """Return the same as `_parts`, and audit the file."""
     try:
-        found = audit.audit(file, lambda chunk, contents: _times(contents))
+        audited = audit.audit(file, lambda chunk, contents: _times(contents))
     except DamagedFileError as error:
         damage.append(error)
         return []
-    parts: list[_Part] = []
-    for one in found:
-        if isinstance(one, DamagedFileError):
-            damage.append(one)
+    parts: list[_WrittenPart] = []
+    for times_by_channel in audited:
+        if isinstance(times_by_channel, DamagedFileError):
+            damage.append(times_by_channel)
             continue
         by_topic: dict[str, list[_Times]] = {}
         merges: dict[str, bool] = {}
-        for channel_id, times in one.items():
+        for channel_id, times in times_by_channel.items():
             channel = file.index.channels.get(channel_id)
             if channel is not None and channel.topic in topics:
                 by_topic.setdefault(channel.topic, []).append(times)
@@ -142,27 +142,27 @@ def _parts_of_all(file: File, topics: Collection[str], damage: list[DamagedFileE
 
 def _times(contents: ChunkContents) -> dict[int, _Times]:
     return {
-        channel_id: _Times(found.offsets, found.times_ns, found.sequences)
-        for channel_id, found in contents.messages.items()
-        if len(found)
+        channel_id: _Times(messages.offsets, messages.times_ns, messages.sequences)
+        for channel_id, messages in contents.messages.items()
+        if len(messages)
     }
 
 
-def _parts_of(file: File, chunk: Chunk, wanted: Mapping[int, str]) -> list[_Part]:
+def _parts_of(file: File, chunk: Chunk, wanted: Mapping[int, str]) -> list[_WrittenPart]:
     ids = [id_ for id_ in wanted if not chunk.indexed or id_ in chunk.message_index_offsets]
     span = file.read_span(chunk.offset, chunk.length + chunk.message_index_length)
     cuts = file.cut(chunk, ids, 0, LAST_NS, span)
     by_topic: dict[str, list[Messages]] = {}
-    for one in cuts:
-        by_topic.setdefault(wanted[one.channel_id], []).append(one)
+    for cut in cuts:
+        by_topic.setdefault(wanted[cut.channel_id], []).append(cut)
     channels = file.index.channels
     return [
-        _joined(topic, all(channels[one.channel_id].metadata.get(KIND_KEY) == TRACK for one in same), same)
+        _joined(topic, all(channels[cut.channel_id].metadata.get(KIND_KEY) == TRACK for cut in same), same)
         for topic, same in by_topic.items()
     ]
 
 
-def _joined(topic: str, merges: bool, cuts: Sequence[Messages] | Sequence[_Times]) -> _Part:
-    order = np.argsort(np.concatenate([one.offsets for one in cuts]))
-    times = np.concatenate([one.times_ns for one in cuts])
-    return _Part(topic, merges, times[order], np.concatenate([one.sequences for one in cuts])[order])
+def _joined(topic: str, merges: bool, cuts: Sequence[Messages] | Sequence[_Times]) -> _WrittenPart:
+    order = np.argsort(np.concatenate([cut.offsets for cut in cuts]))
+    times = np.concatenate([cut.times_ns for cut in cuts])
+    return _WrittenPart(topic, merges, times[order], np.concatenate([cut.sequences for cut in cuts])[order])
