@@ -14,7 +14,7 @@ from mcap.writer import Writer
 from ml_dash_mcap import Experiment, Recorder, Recording, convert
 from ml_dash_mcap.cli import main
 from ml_dash_mcap.errors import DestinationExistsError, FormatError, OptionError
-from ml_dash_mcap.formats import registry
+from ml_dash_mcap.formats import registry, replacing
 from ml_dash_mcap.formats import swap_names as exchange_module
 
 NAMES = {
@@ -185,6 +185,21 @@ def test_a_folder_with_anything_else_in_it_stays(tmp_path: Path, short: Path, fo
         other = "csv" if format != "csv" else "parquet"
         call = lambda: rec.export(dest, format=other, overwrite=True)  # noqa: E731
         kept(tmp_path, call, DestinationExistsError, "holds more than what")
+
+
+def test_a_folder_with_too_many_files_to_look_at_stays(
+    tmp_path: Path, short: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(replacing, "_MOST_FILES", 3)
+    with Recording(short) as rec:
+        dest = rec.export(tmp_path / "out", format="csv", topics=["arm"])
+        for name in ("a.csv", "b.csv"):
+            write(dest / name)
+        assert rec.export(dest, format="csv", topics=["arm"], overwrite=True) == dest
+        for name in ("a.csv", "b.csv", "c.csv"):
+            write(dest / name)
+        call = lambda: rec.export(dest, format="csv", topics=["arm"], overwrite=True)  # noqa: E731
+        kept(tmp_path, call, DestinationExistsError, "more than 3 files")
 
 
 def test_a_recording_is_no_bag_and_mcap_files_of_others_are_no_recording_of_ours(

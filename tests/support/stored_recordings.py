@@ -25,7 +25,7 @@ from ml_dash_mcap.errors import (
     StateError,
     UsageError,
 )
-from ml_dash_mcap.store.object_source import BLOCK_BYTES
+from ml_dash_mcap.store.block_cache import BLOCK_BYTES
 from ml_dash_mcap.store.store import ByteRange, Content, Store, StoredObject
 from tests.support.store_laws import names, read
 
