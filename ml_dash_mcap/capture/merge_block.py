@@ -1,6 +1,6 @@
-"""Rows of one topic and one time stamp within a block become one.
+"""Rows of one topic and one time stamp within a block become a single row.
 
-Rows of different blocks are left to the reader: a recovery knows blocks by their number, so none may go into another.
+Rows of different blocks are left to the reader: a recovery tells blocks by their number, so no row may change blocks.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def merge_same_time(
     codecs: Mapping[int, Codec],
     forms: npt.NDArray[np.int32],
     keys_of: Callable[[int, int], frozenset[str]],
-    note: Callable[[int, list[int], bool], None] = lambda channel, same, is_disjoint: None,
+    note: Callable[[int, list[int], bool], None] = lambda channel, numbers, is_disjoint: None,
 ) -> Rows:
     """Merge the rows that share topic and time stamp; the same object comes back where there are none.
 
@@ -36,48 +36,36 @@ def merge_same_time(
         rows: In the order in which they were appended.
         codecs: By channel id, the codec of the channels whose rows merge (those of metrics and logs do not).
         forms: The form of each row, [N].
-        keys_of: Gives the top-level keys of a channel's form.
+        keys_of: Returns the top-level keys of a channel's form.
         note: Called with the channel, the numbers of the rows that become one, and whether no field is in two of them.
     """
     groups = _groups(rows, codecs)
     if not groups:
         return rows
-    payloads: dict[int, tuple[int, bytes]] = {}
-    dropped: list[int] = []
+    merged = _Merged(rows)
     block = memoryview(rows.data)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
     starts, ends = (rows.starts + MESSAGE_HEAD_BYTES).tolist(), rows.ends.tolist()
     times, channels, form_numbers = rows.times.tolist(), rows.channels.tolist(), forms.tolist()
-    disjoint: dict[tuple[int, ...], bool] = {}
+    form_keys = _FormKeys(keys_of)
     for count, group in enumerate(groups):
         if count % _SLICE == _SLICE - 1:
             time.sleep(_PAUSE_S)
-        codec = codecs[channels[group[0]]]
+        channel = channels[group[0]]
+        codec = codecs[channel]
         encoded = [bytes(block[starts[row] : ends[row]]) for row in group]
-        cuts = codec.cut(encoded)
-        for places in _same_times(codec, encoded, cuts):
-            same = group if len(places) == len(group) else [group[place] for place in places]
-            parts = encoded if same is group else [encoded[place] for place in places]
-            key = (channels[same[0]], *[form_numbers[row] for row in same])
-            is_disjoint = disjoint.get(key)
-            if is_disjoint is None:
-                is_disjoint = UNKNOWN_FORM not in key[1:]
-                if is_disjoint:
-                    is_disjoint = _are_disjoint([keys_of(key[0], form) for form in key[1:]])
-                disjoint[key] = is_disjoint
+        group_cuts = codec.cut(encoded)
+        for places in _same_times(codec, encoded, group_cuts):
+            numbers, parts, cuts = group, encoded, group_cuts
+            if len(places) < len(group):
+                numbers, parts = [group[place] for place in places], [encoded[place] for place in places]
+                cuts = [group_cuts[place] for place in places]
+            is_disjoint = form_keys.are_disjoint(channel, [form_numbers[row] for row in numbers])
             if not is_disjoint and sum(map(len, parts)) > _MOST_BYTES:
                 continue
-            if is_disjoint:
-                joined = codec.join_disjoint(parts, cuts if same is group else [cuts[place] for place in places])
-            else:
-                joined = codec.join(parts)
-            note(key[0], same, is_disjoint)
-            payloads[same[0]] = (times[same[0]], joined)
-            dropped += same[1:]
-    if not payloads:
-        return rows
-    keep = np.ones(len(rows), np.bool_)
-    keep[dropped] = False
-    return replaced(rows, keep, payloads)
+            joined = codec.join_disjoint(parts, cuts) if is_disjoint else codec.join(parts)
+            note(channel, numbers, is_disjoint)
+            merged.put(numbers, times[numbers[0]], joined)
+    return merged.rows()
 
 
 def merge_each(
@@ -94,24 +82,63 @@ def merge_each(
         on_failure: Told what kept rows of one time from being merged.
         note: As that of `merge_same_time`.
     """
-    payloads: dict[int, tuple[int, bytes]] = {}
-    keep = np.ones(len(rows), np.bool_)
+    merged = _Merged(rows)
     for group in _groups(rows, codecs):
         try:
-            codec = codecs[int(rows.channels[group[0]])]
+            channel = int(rows.channels[group[0]])
+            codec = codecs[channel]
             encoded = [rows.payload(row) for row in group]
             for places in _same_times(codec, encoded, codec.cut(encoded)):
-                same = [group[place] for place in places]
-                parts = [encoded[place] for place in places]
+                numbers, parts = [group[place] for place in places], [encoded[place] for place in places]
                 if sum(map(len, parts)) > _MOST_BYTES:
                     continue
                 is_disjoint = _are_disjoint([codec.keys_of(part) for part in parts])
-                payloads[same[0]] = (int(rows.times[same[0]]), codec.join(parts))
-                keep[same[1:]] = False
-                note(int(rows.channels[same[0]]), same, is_disjoint)
+                merged.put(numbers, int(rows.times[numbers[0]]), codec.join(parts))
+                note(channel, numbers, is_disjoint)
         except Exception as error:
             on_failure(error)
-    return replaced(rows, keep, payloads) if payloads else rows
+    return merged.rows()
+
+
+class _Merged:
+    """The rows of a block, some of which become others."""
+
+    def __init__(self, rows: Rows) -> None:
+        self._rows = rows
+        self._payloads: dict[int, tuple[int, bytes]] = {}
+        """By row number, the log time (ns) and the payload of a row that others became part of."""
+        self._dropped: list[int] = []
+        """The numbers of the rows that became part of others."""
+
+    def put(self, numbers: list[int], time_ns: int, payload: bytes) -> None:
+        """Put a merged row in the place of the first of some rows, and drop the others."""
+        self._payloads[numbers[0]] = (time_ns, payload)
+        self._dropped += numbers[1:]
+
+    def rows(self) -> Rows:
+        """Return the rows that are left; the same object where none were merged."""
+        if not self._payloads:
+            return self._rows
+        keep = np.ones(len(self._rows), np.bool_)
+        keep[self._dropped] = False
+        return replaced(self._rows, keep, self._payloads)
+
+
+class _FormKeys:
+    """Tells from the forms of rows whether they have a field in common."""
+
+    def __init__(self, keys_of: Callable[[int, int], frozenset[str]]) -> None:
+        self._keys_of = keys_of
+        self._answers: dict[tuple[int, ...], bool] = {}
+
+    def are_disjoint(self, channel: int, forms: list[int]) -> bool:
+        """Whether no two rows of these forms have a field in common; False where a form is not known."""
+        key = (channel, *forms)
+        answer = self._answers.get(key)
+        if answer is None:
+            answer = UNKNOWN_FORM not in forms and _are_disjoint([self._keys_of(channel, form) for form in forms])
+            self._answers[key] = answer
+        return answer
 
 
 def _same_times(codec: Codec, payloads: Sequence[bytes], cuts: Sequence[int]) -> list[list[int]]:
@@ -122,28 +149,28 @@ def _same_times(codec: Codec, payloads: Sequence[bytes], cuts: Sequence[int]) ->
     by_time: dict[float, list[int]] = {}
     for place, payload in enumerate(payloads):
         by_time.setdefault(codec.time_of(payload), []).append(place)
-    return [same for same in by_time.values() if len(same) > 1]
+    return [places for places in by_time.values() if len(places) > 1]
 
 
 def _groups(rows: Rows, codecs: Mapping[int, Codec]) -> list[list[int]]:
     """Return the rows that share topic and nanosecond, two or more, in the order in which they were appended."""
     order = np.lexsort((rows.times, rows.channels))
     channels = rows.channels[order]
-    same = (np.diff(rows.times[order]) == 0) & (channels[1:] == channels[:-1])
-    if not same.any():
+    is_like_previous = (np.diff(rows.times[order]) == 0) & (channels[1:] == channels[:-1])
+    if not is_like_previous.any():
         return []
-    same &= np.isin(channels[1:], list(codecs))
-    return list(_runs(order, same))
+    is_like_previous &= np.isin(channels[1:], list(codecs))
+    return list(_runs(order, is_like_previous))
 
 
-def _runs(order: npt.NDArray[np.intp], same: npt.NDArray[np.bool_]) -> Iterator[list[int]]:
-    """Yield the numbers in `order` that are each like the one before."""
-    edges = np.diff(np.concatenate(([False], same, [False])).astype(np.int8))
+def _runs(order: npt.NDArray[np.intp], is_like_previous: npt.NDArray[np.bool_]) -> Iterator[list[int]]:
+    """Yield the numbers in `order` of rows that are like each other, two or more."""
+    edges = np.diff(np.concatenate(([False], is_like_previous, [False])).astype(np.int8))
     numbers = order.tolist()
     for first, last in zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True):
         yield sorted(numbers[first : last + 1])
 
 
 def _are_disjoint(keys: list[frozenset[str]]) -> bool:
-    """Whether no key but the time stamp stands in two of them."""
+    """Whether no key but the time stamp is in two of the sets."""
     return len(frozenset().union(*keys)) == sum(map(len, keys)) - len(keys) + 1
