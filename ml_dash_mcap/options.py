@@ -110,8 +110,8 @@ class RecorderOptions:
         Args:
             environment: Where to look the variables up; the process's own by default.
             buffer_config: A mapping or an object with any of ml-dash's `flush_interval` (s), `track_batch_size`
-                (rows) and `buffer_enabled`, or of this class's own names. What ml-dash says there of its server and
-                of its other queues means nothing here.
+                (rows) and `buffer_enabled`, or of the names of this class. The entries of ml-dash for its server and
+                for its other queues have no effect here.
             **given: Options by name; they win.
 
         Raises:
@@ -120,11 +120,12 @@ class RecorderOptions:
         values = _from_variables(os.environ if environment is None else environment)
         values.update(_from_buffer_config(buffer_config))
         values.update(given)
-        known = sorted(field.name for field in fields(cls))
+        names = sorted(field.name for field in fields(cls))
         for name in values:
-            if name not in known:
-                what = hint(name, known, listing="the options are {}")
-                raise OptionError(f"unknown recorder option {name!r}; {what}")
+            if name not in names:
+                raise OptionError(
+                    f"unknown recorder option {name!r}; {hint(name, names, listing='the options are {}')}"
+                )
         return cls(**values)
 
     def with_(self, **changes: Any) -> RecorderOptions:
@@ -132,31 +133,31 @@ class RecorderOptions:
         return replace(self, **changes)
 
 
-def misplaced(caller: str, unknown: Mapping[str, object], known: Iterable[str]) -> UsageError:
+def misplaced(caller: str, unknown: Mapping[str, object], arguments: Iterable[str]) -> UsageError:
     """Return the error for arguments that a call does not take, some of which may be recorder options.
 
     Args:
         caller: Whose arguments they are, such as "Recorder".
         unknown: The arguments.
-        known: The names that it takes.
+        arguments: The names that it takes.
     """
     name, value = next(iter(unknown.items()))
     options = [field.name for field in fields(RecorderOptions)]
-    known = list(known)
-    nearest = similar(name, [*known, *options])
+    arguments = list(arguments)
+    nearest = similar(name, [*arguments, *options])
     if nearest and nearest[0] in options:
         return UsageError(
             f"{caller}() takes no {name}=; it is one of the recorder's options: pass"
             f" options=RecorderOptions({nearest[0]}={value!r})"
         )
-    what = hint(name, known, spelling="{}=", listing="it takes {}")
-    return UsageError(f"{caller}() got an unknown argument {name}=; {what}")
+    advice = hint(name, arguments, spelling="{}=", listing="it takes {}")
+    return UsageError(f"{caller}() got an unknown argument {name}=; {advice}")
 
 
 def arguments_of(cls: type) -> list[str]:
     """Return the names of the arguments that a class takes, without `self` and those that stand for unknown ones."""
     parameters = list(inspect.signature(cls.__init__).parameters.values())[1:]  # type: ignore[misc]
-    return [one.name for one in parameters if one.kind is not one.VAR_KEYWORD]
+    return [parameter.name for parameter in parameters if parameter.kind is not parameter.VAR_KEYWORD]
 
 
 def check_options(options: object) -> None:
@@ -178,7 +179,7 @@ _ML_DASH_ELSEWHERE = (
     *("log_batch_size", "metric_batch_size", "file_upload_workers"),
     *("max_retries", "retry_base_delay", "retry_max_delay"),
 )
-"""What ml-dash 0.6.27 to 0.11 say beside these: of queues that are not here, and of their server."""
+"""The other entries of ml-dash 0.6.27 to 0.11: for queues that are not here, and for their server."""
 
 
 def _check(holds: bool, name: str, value: object, wanted: str) -> None:
@@ -212,7 +213,7 @@ def _from_buffer_config(config: Any) -> dict[str, Any]:
     if config is None:
         return {}
     entries = {name: value for name, value in _entries(config).items() if name not in _ML_DASH_ELSEWHERE}
-    if type(config).__module__.partition(".")[0] == "ml_dash":  # a later version's, which may say more of its queues
+    if type(config).__module__.partition(".")[0] == "ml_dash":  # a later version may have more entries for its queues
         entries = {name: value for name, value in entries.items() if name in _ML_DASH_NAMES}
     return {_ML_DASH_NAMES.get(name, name): value for name, value in entries.items()}
 

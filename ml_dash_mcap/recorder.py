@@ -61,19 +61,20 @@ class Recorder:
         sinks: Iterable[Sink] = (),
         **unknown: NoReturn,
     ) -> None:
-        """Open a recording's folder, making it if need be, and fold in what a crashed recorder left there.
+        """Open a recording's folder, making it if need be, and recover what a crashed recorder left there.
 
         Args:
             path: The run's folder.
-            options: How to buffer, compress and split; by default as the `ML_DASH_*` variables say.
+            options: How to buffer, compress and split; by default as the `ML_DASH_*` environment variables tell.
             prefix: What the files name as the recording's prefix; the folder's name by default.
             metadata: More entries for the `ml_dash` metadata record of each segment.
-            timestamps: "strict": every row has its `_ts`. "auto": a missing one is the wall clock, -1 the last used.
+            timestamps: "strict": every row has its `_ts`. "auto": without it, a row has the time of the wall clock, and
+                -1 is the time stamp used last.
             sinks: What takes the rows besides the file, while they are recorded; see `Sink`.
 
         Raises:
             StorageError: The folder cannot be made or written, or there is no room for the backlog.
-            UsageError: An argument is unknown; the message says where it belongs.
+            UsageError: An argument is unknown; the message tells where it belongs.
 
         Example:
             >>> with Recorder("runs/today") as recorder:
@@ -151,7 +152,7 @@ class Recorder:
             name: Any text of 1 to 1024 bytes without NUL; `/` orders topics into a tree and means nothing else.
             description: What the topic holds.
             tags: Words to find it by.
-            metadata: Anything else, as JSON can say it.
+            metadata: Anything else that JSON can hold.
             units: Dotted field name to its unit, such as `{"q": "rad"}`. Exports to ROS and mocap formats go by these
                 and by the following; all are kept in the metadata.
             joint_names: Of the elements of joint angles, velocities and torques.
@@ -161,7 +162,7 @@ class Recorder:
 
         Raises:
             TopicError: The name is empty, too long, or not text, or the topic is open in another encoding.
-            FieldError: What is said of it is not what it should be.
+            FieldError: A description has a wrong type.
             OptionError: Rows cannot be recorded in that encoding.
             StateError: The recorder is closed.
         """
@@ -252,7 +253,7 @@ class Recorder:
 
         Raises:
             StorageError: Not everything could be written. The rows stay in the journal, and the next `Recorder` or
-                `Recording` on this folder folds them in.
+                `Recording` on this folder recovers them.
         """
         if self._finalizer.detach():
             _close(self._journal, self._writer, os.getpid())
@@ -293,7 +294,7 @@ def open_topic(recorder: Recorder, name: str, kind: str, cls: type[T], about: To
 
 
 def _warn_of_earlier_run(folder: Path) -> None:
-    """Say so if rows of this run may take the place of an earlier one's."""
+    """Log a warning if rows of this run may take the place of those of an earlier run."""
     end_s = own_clock_until(folder)
     if end_s is not None:
         _log.warning(

@@ -20,7 +20,7 @@ _TICK_S = 1e-6
 
 
 class LastUsed(Protocol):
-    """Whoever knows the last time stamp that was used."""
+    """What holds the last time stamp that was used."""
 
     lock: Any
     last_s: float | None
@@ -35,7 +35,7 @@ class Stamper(Protocol):
         """Return the time stamp to use, in seconds, for what was given as `_ts`.
 
         Args:
-            given: What the caller said.
+            given: What the caller passed as `_ts`.
             topic: For the error messages.
             last_s: The last one used, if it is not the journal's yet.
         """

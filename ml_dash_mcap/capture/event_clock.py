@@ -64,10 +64,10 @@ class EventClock:
             The rows, and whether what is in the file already is on another clock than they are.
         """
         is_track = tracks[rows.channels]
-        before = self.clock
+        previous = self.clock
         if is_track.any():
             self._look(rows.times[is_track])
-        if before != UNKNOWN_CLOCK:
+        if previous != UNKNOWN_CLOCK:
             return rows, False
         is_stamped = event_times.stamped(rows, is_track)
         if self.clock == UNKNOWN_CLOCK:
@@ -81,9 +81,9 @@ class EventClock:
         """Note how the time stamps of tracks look, [N], ns."""
         epoch_like = times >= int(clock.EPOCH_LIKE_S * clock.NS_PER_S)
         now = "epoch" if epoch_like.all() else "mixed" if epoch_like.any() else "relative"
-        before = self.clock
-        self.clock = now if before in (UNKNOWN_CLOCK, now) else "mixed"
-        if self.clock == "mixed" != before:
+        previous = self.clock
+        self.clock = now if previous in (UNKNOWN_CLOCK, now) else "mixed"
+        if self.clock == "mixed" != previous:
             _log.warning(
                 "the tracks in %s mix wall-clock times and times near 0; viewers refuse such a file", self._folder
             )

@@ -1,4 +1,4 @@
-"""Events that were stamped with the wall clock before the tracks turned out to run on another one."""
+"""Events that were stamped with the wall clock before the tracks turned out to run on another clock."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ Flags = npt.NDArray[np.bool_]
 def stamped(rows: Rows, is_track: Flags) -> Flags:
     """Tell which rows are events at a time that the wall clock gave them, [N]."""
     events = np.flatnonzero(~is_track)
-    found = np.zeros(len(rows), np.bool_)
-    found[events] = rows.sequences(events) == WALL_STAMPED
-    return found
+    is_stamped = np.zeros(len(rows), np.bool_)
+    is_stamped[events] = rows.sequences(events) == WALL_STAMPED
+    return is_stamped
 
 
 def are_elsewhere(rows: Rows, is_track: Flags, is_stamped: Flags, since_ns: int, now_ns: int) -> bool:
     """Tell whether the tracks' first rows are all at times that the wall clock did not show while they came in.
 
     Args:
-        rows: The first ones of tracks, with the events around them, in the order in which they were appended.
-        is_track: Which are rows of tracks, one at least, [N].
+        rows: The first rows of tracks, with the events around them, in the order in which they were appended.
+        is_track: Which are rows of tracks, at least a single row, [N].
         is_stamped: Which are events at the wall clock's times, [N].
         since_ns: A time of the wall clock at which there was no row of a track yet, in ns.
         now_ns: The wall clock, later, in ns.
     """
     first = int(is_track.argmax())
-    before = rows.times[:first][is_stamped[:first]]
-    since_ns = max(since_ns, int(before.max())) if len(before) else since_ns
+    earlier = rows.times[:first][is_stamped[:first]]
+    since_ns = max(since_ns, int(earlier.max())) if len(earlier) else since_ns
     low, high = min(since_ns, now_ns), max(since_ns, now_ns)
     times = rows.times[is_track]
     return not bool(((times >= low - _NOW_NS) & (times <= high + _NOW_NS)).any())
@@ -51,14 +51,14 @@ def are_elsewhere(rows: Rows, is_track: Flags, is_stamped: Flags, since_ns: int,
 def follow(
     rows: Rows, is_track: Flags, is_stamped: Flags, channels: Mapping[int, ChannelInfo], fallbacks: Fallbacks
 ) -> Rows:
-    """Give each stamped event the time of the row of a track before it, or of the first one where there is none.
+    """Give each stamped event the time of the row of a track before it, or of the first such row if none is before it.
 
     Nothing of an event but its time is changed. An event whose time cannot be moved keeps it, and is counted: an event
     at the wrong time is worth less than a writer that goes on.
 
     Args:
-        rows: The first ones of tracks, with the events around them, in the order in which they were appended.
-        is_track: Which are rows of tracks, one at least, [N].
+        rows: The first rows of tracks, with the events around them, in the order in which they were appended.
+        is_track: Which are rows of tracks, at least a single row, [N].
         is_stamped: Which are events at the wall clock's times, [N].
         channels: The topics by number.
         fallbacks: Counts the events whose time cannot be moved.

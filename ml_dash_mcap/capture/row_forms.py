@@ -55,8 +55,8 @@ class RowForms:
         inferred = [number for number, info in list(self._channels.items()) if info.is_inferred]
         is_inferred = np.isin(rows.channels, inferred)
         try:
-            for known in self._forms.values():
-                known.forget() if known.size > _REMEMBERED_BYTES else known.begin_block()
+            for forms in self._forms.values():
+                forms.forget() if forms.size > _REMEMBERED_BYTES else forms.begin_block()
             return self._classify(rows, is_inferred.copy())
         except Exception as error:
             self._fallbacks.note("telling the forms of a block's rows", error)
@@ -64,9 +64,9 @@ class RowForms:
         return self._learn_each(rows, np.flatnonzero(is_inferred))
 
     def _forget(self) -> None:
-        for codec, known in self._forms.items():
+        for codec, forms in self._forms.items():
             try:
-                known.forget()
+                forms.forget()
             except Exception as error:
                 self._fallbacks.note(f"forgetting the forms of {codec.message_encoding} rows", error, "they stay")
 
@@ -92,21 +92,21 @@ class RowForms:
             long = np.flatnonzero(is_long)
             forms[long] = self._learn_each(rows, long)[long]
             is_pending &= ~is_long
-        for known, which in self._by_codec(rows, np.flatnonzero(is_pending)):
-            forms[which] = known.of_rows(rows if len(which) == len(rows) else taken(rows, which))
+        for block_forms, which in self._by_codec(rows, np.flatnonzero(is_pending)):
+            forms[which] = block_forms.of_rows(rows if len(which) == len(rows) else taken(rows, which))
         return forms
 
     def _by_codec(self, rows: Rows, which: npt.NDArray[np.intp]) -> list[tuple[BlockForms, npt.NDArray[np.intp]]]:
-        """Return what knows the forms of some rows, and the numbers of those rows, for each of their encodings."""
+        """Return the forms of each encoding of some rows, with the numbers of the rows that have it."""
         numbers: dict[int, list[int]] = {}
-        known: dict[int, BlockForms] = {}
+        by_id: dict[int, BlockForms] = {}
         for number in np.unique(rows.channels[which]).tolist():
             forms = self._of(number)
-            known[id(forms)] = forms
+            by_id[id(forms)] = forms
             numbers.setdefault(id(forms), []).append(number)
-        if len(known) == 1:
-            return [(forms, which) for forms in known.values()]
-        return [(known[key], which[np.isin(rows.channels[which], some)]) for key, some in numbers.items()]
+        if len(by_id) == 1:
+            return [(forms, which) for forms in by_id.values()]
+        return [(by_id[key], which[np.isin(rows.channels[which], ids)]) for key, ids in numbers.items()]
 
     def _of(self, number: int) -> BlockForms:
         codec = self._channels[number].codec

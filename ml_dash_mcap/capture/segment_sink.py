@@ -27,8 +27,8 @@ _SPARE_BYTES = 512
 """A schema has at least this much room to grow in place, and at least as much as it is long."""
 
 _OWN_CHUNK_BYTES = 32 * 1024
-"""A topic with so many bytes in a block gets a chunk of its own there: who wants that topic unpacks nothing else. For
-fewer, the chunk's head and index and a read of their own cost more than that saves."""
+"""A topic with so many bytes in a block gets a chunk of its own there, so that a reader of that topic unpacks nothing
+else. For fewer bytes, the head and the index of a chunk and a read of their own cost more than that saves."""
 
 
 class SegmentSink:
@@ -47,7 +47,7 @@ class SegmentSink:
         """Prepare for a session.
 
         Args:
-            options: The recorder's.
+            options: The options of the recorder.
             fallbacks: Counts what fails and is done a slower way.
             drops: Rows refused so far, by topic, to be written at the end; others may add to it meanwhile.
             next_block: Number of the first block with rows, where a recovery goes on.
@@ -73,10 +73,10 @@ class SegmentSink:
         """The block that is being written, or was when a write failed."""
         self._begins_segment = False
         self._metadata: list[Metadata] = []
-        """Those of its Metadata records that are not in the file yet."""
+        """The metadata records of that block that are not in the file yet."""
         self._set_aside: list[Segment] = []
         self._litter: list[Path] = []
-        """Segments that could not be begun, and perhaps not be deleted either."""
+        """Files of segments that could not be begun, and perhaps not be deleted either."""
         self._drops = drops
         self._drops_written: dict[str, int] = {}
 
@@ -117,9 +117,9 @@ class SegmentSink:
     def _write_rows(self, block: PreparedBlock, rows: Rows) -> None:
         segment = self._ensure_channels(block)
         chunks = [self._build(part) for part in split(rows, self._own_chunk_bytes)]
-        before = segment.size
+        previous_size = segment.size
         segment.add_block(chunks, block.number, STEPS_RECORD, block.time_steps)
-        self.bytes_written += segment.size - before
+        self.bytes_written += segment.size - previous_size
         self._next_block = block.number + 1
 
     def _build(self, rows: Rows) -> PackedChunk:
