@@ -139,7 +139,7 @@ class OpenEpisode:
                 if success is not None:
                     self._mark(None)
                 return
-            time = None if _ts is None else self._topic._time(_ts)
+            time = None if _ts is None else self._topic.time_of(_ts)
             if time is not None and self.start is not None and time < self.start:
                 raise RangeError(f"an episode that starts at {self.start!r} cannot end at _ts={_ts!r}")
             self._end = self._last() if time is None else time

@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, Literal, TextIO
 
 import pytest
 from mcap.reader import make_reader
@@ -275,6 +275,25 @@ def test_what_waits_for_a_sink_has_an_end_and_what_it_misses_is_counted(tmp_path
         assert 0 < sink.waiting * 60 < 2 * OPTIONS.backlog_bytes  # a row has some 60 bytes
     assert recorder.stats().sinks[0].missed == 16 * ROWS
     assert recorder.stats().written == 16 * ROWS
+
+
+@pytest.mark.parametrize("on_full", ["drop", "block"])
+def test_the_figures_add_up_beside_a_sleeping_sink_and_one_that_raises(
+    tmp_path: Path, sleeping: Sleeping, on_full: Literal["drop", "block"]
+) -> None:
+    sinks: list[Sink] = [sleeping, Raising("write"), Counting()]
+    with Recorder(tmp_path, OPTIONS.with_(on_full=on_full), sinks=sinks) as recorder:
+        for _ in range(5):
+            append_rows(recorder)
+            stats = recorder.stats()
+            assert stats.accepted == stats.written + stats.waiting + stats.dropped
+    stats = recorder.stats()
+    assert stats.accepted == 5 * (ROWS + 2 * ROWS // 3) == stats.written + stats.dropped
+    assert stats.dropped == 0 or on_full == "drop"
+    in_file = len(messages(tmp_path))
+    assert in_file == stats.written - stats.merged
+    assert [sink.rows + sink.missed for sink in stats.sinks] == [in_file] * 3
+    assert [sink.waiting for sink in stats.sinks] == [0, 0, 0]
 
 
 def test_close_waits_for_a_sleeping_sink_only_for_a_moment(tmp_path: Path, sleeping: Sleeping) -> None:
