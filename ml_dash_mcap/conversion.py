@@ -6,18 +6,20 @@ import errno
 import inspect
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from .errors import ConversionWarning, MissingRecordingError, UsageError
 from .formats import readers, registry
 from .formats.destination import fresh_folder, refuse_existing, replacing
+from .formats.export_place import Reads, destination, located
 from .formats.registry import Progress
 from .formats.replacing import RECORDING, check_overwrite, keeper
 from .formats.writers import options_of
 from .recording import Recording
 from .store.safe_paths import place
+from .store.store import Store
 from .suggestions import did_you_mean
 
 
@@ -25,6 +27,7 @@ def convert(
     src: str | Path,
     dest: str | Path,
     *,
+    store: Store | None = None,
     format: str | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -37,6 +40,7 @@ def convert(
     Args:
         src: A ROS bag, another foreign file, or a recording.
         dest: Where to. A recording becomes a folder.
+        store: Where `dest` lies, which is a name in it then; None for this machine.
         format: What to write a recording as, such as "rosbag2"; None to tell by the suffix of `dest`.
         overwrite: Whether to replace a file, or a folder of the same kind, that is at `dest` already. It stays until
             the new one is whole.
@@ -58,25 +62,26 @@ def convert(
         >>> convert("field-test.bag", "runs/field-test")
         >>> convert("runs/field-test", "field-test-ros2", format="rosbag2")
     """
-    source, target = place(src, "src"), place(dest, "dest")
+    source = place(src, "src")
+    target, put_into = located(dest, store)
     if format is None and registry.detect(source) is not None and registry.suffix_format(target) is None:
         check_overwrite(overwrite)
-        allowed = replacing(keeper(RECORDING, [source])) if overwrite else nullcontext()
         reading = readers.options_of(source)
         given = {name: value for name, value in options.items() if name in reading or name not in _OF_MCAP_ALONE}
-        with allowed, fresh_folder(target) as folder:
+        place_of_dest = destination(target, put_into, RECORDING, overwrite=overwrite, reads=Reads(None, [source]))
+        with place_of_dest as path, fresh_folder(path) as folder:
             readers.into(source, folder, target.name, progress=progress, **given)
         return target
     if not source.exists():
         raise MissingRecordingError(errno.ENOENT, "there is nothing", str(src))
     chosen = format if format is not None else registry.format_of(target)
-    if overwrite is True:
+    if overwrite is True and put_into is None:
         with replacing(keeper(chosen, [source])):  # what is opened below may be a copy
             refuse_existing(target)
     reads = _options_of_reading(source, chosen, options)
     writes = {name: value for name, value in options.items() if name not in reads}
     with _opened(source, reads) as recording:
-        exported = recording.export(target, format=chosen, overwrite=overwrite, progress=progress, **writes)
+        exported = recording.export(dest, store=store, format=chosen, overwrite=overwrite, progress=progress, **writes)
         for loss in recording.losses:
             then = "it was set right by the data" if loss.corrected else "it is left out"
             warnings.warn(f"{loss.path}, byte {loss.offset}: {loss.what}; {then}", ConversionWarning, stacklevel=2)

@@ -1,4 +1,4 @@
-"""What a misspelt name was probably meant to be."""
+"""Suggestions for misspelt names, as error messages make them."""
 
 from __future__ import annotations
 
@@ -13,40 +13,40 @@ from .errors import NotFoundError
 T = TypeVar("T")
 
 _SIMILARITY = 0.55
-"""From 0 to 1, as difflib counts it: what two names have at least in common."""
+"""The least ratio of difflib, from 0 to 1, at which two names are called similar."""
 _MARGIN = 0.1
-"""Names that are less like it than the best one by more than this are not worth a word."""
+"""Names whose ratio is smaller than the best one by more than this are not suggested."""
 _SUGGESTED = 3
 _LISTED = 20
 
 
-def similar(name: object, known: Iterable[str]) -> list[str]:
-    """Return the names that look most like one, the best first; upper and lower case, `-` and `_` are the same."""
+def similar(name: object, candidates: Iterable[str]) -> list[str]:
+    """Return the candidates that are most similar to a name, the best first. Case, and `-` for `_`, do not matter."""
     matcher = difflib.SequenceMatcher(b=_folded(str(name)))
-    likeness = {}
-    for one in known:
-        matcher.set_seq1(_folded(one))
+    ratios = {}
+    for candidate in candidates:
+        matcher.set_seq1(_folded(candidate))
         if matcher.real_quick_ratio() >= _SIMILARITY and matcher.quick_ratio() >= _SIMILARITY:
-            likeness[one] = matcher.ratio()
-    least = max(_SIMILARITY, max(likeness.values(), default=0.0) - _MARGIN)
-    near = [one for one, ratio in likeness.items() if ratio >= least]
-    return sorted(near, key=lambda one: -likeness[one])[:_SUGGESTED]
+            ratios[candidate] = matcher.ratio()
+    least = max(_SIMILARITY, max(ratios.values(), default=0.0) - _MARGIN)
+    near = [candidate for candidate, ratio in ratios.items() if ratio >= least]
+    return sorted(near, key=lambda candidate: -ratios[candidate])[:_SUGGESTED]
 
 
-def hint(name: object, known: Iterable[str], *, spelling: str = "{!r}", listing: str = "there are {}") -> str:
-    """Return what to say of a name that is not known: the names like it, or else all there are.
+def hint(name: object, candidates: Iterable[str], *, spelling: str = "{!r}", listing: str = "there are {}") -> str:
+    """Return a hint for a name that does not exist: the candidates that are similar to it, or else all candidates.
 
     Args:
         name: What the caller wrote.
-        known: What could have been meant.
+        candidates: The names that exist.
         spelling: How a name is shown, such as "{}=" for an argument.
-        listing: The words around all names, where none is similar.
+        listing: The words around all candidates, if none is similar.
 
     Example:
         >>> hint("formt", ["format", "topics"], spelling="{}=")
         'did you mean format=?'
     """
-    names = list(known)
+    names = list(candidates)
     question = did_you_mean(name, names, spelling=spelling)
     if question:
         return question
@@ -55,18 +55,18 @@ def hint(name: object, known: Iterable[str], *, spelling: str = "{!r}", listing:
 
 
 def not_found(what: str, name: object, names: Iterable[str], where: str = "") -> NotFoundError:
-    """Return the error for a name that is not there, with the names that look most like it, and where it was sought."""
+    """Return the error for a name that does not exist, with similar names and with the place that was searched."""
     return NotFoundError(f"no {what} {name!r} in the recording; {hint(name, names)}" + (f" ({where})" if where else ""))
 
 
-def did_you_mean(name: object, known: Iterable[str], *, spelling: str = "{!r}") -> str:
-    """Return the question for the names like one; empty if there is none like it."""
-    near = similar(name, known)
+def did_you_mean(name: object, candidates: Iterable[str], *, spelling: str = "{!r}") -> str:
+    """Return the question whether a similar name was meant; empty if no candidate is similar."""
+    near = similar(name, candidates)
     return f"did you mean {' or '.join(map(spelling.format, near))}?" if near else ""
 
 
 def checks_names(error: type[Exception]) -> Callable[[type[T]], type[T]]:
-    """Let a dataclass refuse an argument that it does not have with `error`, naming the one that was meant."""
+    """Let a dataclass raise `error` for an argument that it does not have, with a hint at the one that was meant."""
 
     def decorate(cls: type[T]) -> type[T]:
         plain: Any = cls.__init__

@@ -1,4 +1,4 @@
-"""What to write where seconds are wanted and a time of another kind was given."""
+"""Hints for callers who gave a time of another kind where seconds are wanted."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _FIRST_IN_US = 1e14
 
 
 def seconds_hint(given: Any, name: str = "_ts") -> str:
-    """Return how to make seconds of a value, in words that go behind an error message; empty if nobody knows.
+    """Return how to make seconds of a value, as the end of an error message; empty for values that are no times.
 
     Args:
         given: A date, a duration, a time of NumPy, pandas, ROS or protobuf, text, or anything else.
-        name: What the seconds are called.
+        name: The name of the argument or field that takes the seconds.
 
     Example:
         >>> seconds_hint(datetime.datetime.now())
@@ -57,14 +57,14 @@ def _spelling(given: Any) -> str:
 
 
 def _spelling_by_attributes(given: Any) -> str:
-    """Return the same for times of packages that are not imported here, told by what they have."""
+    """Return the hint for times of packages that are not imported here. Their attributes tell them."""
     for names, spelling in _ATTRIBUTES:
-        if all(hasattr(given, one) for one in names):
+        if all(hasattr(given, name) for name in names):
             return spelling
         if isinstance(given, dict) and given.keys() >= set(names):
             inside = spelling
-            for one in names:
-                inside = inside.replace(f".{one}", f"[{one!r}]")
+            for name in names:
+                inside = inside.replace(f".{name}", f"[{name!r}]")
             return inside
     return ""
 

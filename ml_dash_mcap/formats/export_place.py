@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import DestinationExistsError, MissingObjectError
+from ..file_names import SEGMENT_SUFFIX
 from ..query.places import label, names_of
 from ..store.local import LocalFolder
 from ..store.safe_paths import object_name, place
 from ..store.store import Store
 from . import registry
 from .destination import refuse_existing, replacing
-from .replacing import content_that_stays, keeper
+from .replacing import HEAD_BYTES, RECORDING, content_that_stays, is_ours, keeper, written_by_others
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,7 @@ def destination(path: Path, store: Store | None, format: str, *, overwrite: bool
     Args:
         path: Of the destination, as `located` returned it.
         store: Where that lies; None on this machine.
-        format: One that is written.
+        format: One that is written, or `RECORDING`.
         overwrite: Whether to replace an earlier result of the format.
         reads: The recording that is read meanwhile.
 
@@ -76,7 +77,7 @@ def _put_when_whole(store: Store, dest: str, format: str, *, overwrite: bool, re
     """
     earlier = _at(store, dest)
     if earlier:
-        _refuse(store, dest, _reason_to_keep(dest, earlier, format, reads) if overwrite else _NOT_OVERWRITTEN)
+        _refuse(store, dest, _reason_to_keep(store, dest, earlier, format, reads) if overwrite else _NOT_OVERWRITTEN)
     above, _, last = dest.rpartition("/")
     with tempfile.TemporaryDirectory(prefix="ml_dash_mcap-") as folder:
         yield Path(folder) / last
@@ -118,13 +119,20 @@ def _at(store: Store, dest: str) -> list[str]:
     return names
 
 
-def _reason_to_keep(dest: str, earlier: Sequence[str], format: str, reads: Sequence[str]) -> str:
+def _reason_to_keep(store: Store, dest: str, earlier: Sequence[str], format: str, reads: Sequence[str]) -> str:
     """Return why what is at a destination must stay, in words; empty if it may be replaced."""
     if any(name == dest or name.startswith(f"{dest}/") for name in reads):
         return "cannot be replaced: it is what is read here, or holds it"
     inside = [name.removeprefix(f"{dest}/") for name in earlier if name != dest]
     reason = content_that_stays(inside, format) if inside else ""
+    if not reason and format == RECORDING:
+        segments = [name for name in earlier if name.endswith(SEGMENT_SUFFIX)]
+        reason = next((written_by_others(name) for name in segments if not is_ours(_head(store, name))), "")
     return f"cannot be replaced: it {reason}" if reason else ""
+
+
+def _head(store: Store, name: str) -> bytes:
+    return store.read_ranges(store.head(name), [(0, HEAD_BYTES)])[0]
 
 
 def _refuse(store: Store, dest: str, reason: str) -> None:

@@ -21,7 +21,7 @@ _OF_RECORDINGS = registry.Format(RECORDING, contents=r"[^/]+\.mcap(\.active)?|\.
 
 _OF_DESKTOPS = (".DS_Store", "Thumbs.db", "desktop.ini")
 _LIBRARY = LIBRARY.split()[0].encode()
-_HEAD_BYTES = 1024
+HEAD_BYTES = 1024
 """An MCAP file has the name of its library within its first bytes, and these are more than enough."""
 _MOST_FILES = 100_000
 """No more names of a folder are looked at, so a folder with more files is not replaced."""
@@ -84,9 +84,9 @@ def _reason_to_keep_folder(folder: Path, format: str) -> str:
     if reason:
         return reason
     if format == RECORDING:
-        for path in folder.glob("*.mcap*"):
-            if not _is_ours(path):
-                return f"is a folder with an MCAP file that another program wrote: {path.name}"
+        foreign = next((path.name for path in folder.glob("*.mcap*") if not is_ours(_head(path))), None)
+        if foreign is not None:
+            return written_by_others(foreign)
     if any(SessionLock.is_held(path) for path in folder.glob(SESSION_GLOB)):
         return "is being recorded"
     if next(folder.glob(SESSION_GLOB), None) is not None:
@@ -102,10 +102,22 @@ def _files(folder: Path) -> Iterable[str]:
         yield from ((inside / name).as_posix() for name in (*files, *links))
 
 
-def _is_ours(path: Path) -> bool:
-    """Whether the header of an MCAP file (https://mcap.dev/spec#header-op0x01) names this library."""
+def written_by_others(name: str) -> str:
+    """Return why a folder with such an MCAP file must not be replaced."""
+    return f"is a folder with an MCAP file that another program wrote: {name}"
+
+
+def _head(path: Path) -> bytes:
     with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
+        return file.read(HEAD_BYTES)
+
+
+def is_ours(head: bytes) -> bool:
+    """Whether the header of an MCAP file (https://mcap.dev/spec#header-op0x01) names this library.
+
+    Args:
+        head: The first `HEAD_BYTES` of the file, or all of a shorter one.
+    """
     begin = len(MAGIC) + 1 + 8  # the record's opcode and length
     begin += 4 + int.from_bytes(head[begin : begin + 4], "little")  # the profile
     return head.startswith(MAGIC) and head[begin + 4 :].startswith(_LIBRARY)

@@ -358,4 +358,18 @@ class RecordingLaws:
 
     def test_a_recording_is_converted_into_a_store(self, store: Store, local_run: Path) -> None:
         convert(local_run, "out/event.parquet", store=store, topics=["event"])
+        convert(local_run, "out/event.parquet", store=store, topics=["event"], overwrite=True)
         assert names(store) == ["out/event.parquet"]
+
+    def test_a_foreign_file_becomes_a_recording_in_a_store(self, store: Store, tmp_path: Path) -> None:
+        (tmp_path / "arm.csv").write_text("_ts,x\n0.0,1.5\n0.5,2.5\n", encoding="utf-8")
+        assert convert(tmp_path / "arm.csv", "runs/arm", store=store).as_posix() == "runs/arm"
+        convert(tmp_path / "arm.csv", "runs/arm", store=store, overwrite=True)
+        with Recording("runs/arm", store=store) as rec:
+            assert [row["x"] for row in rec["arm"].rows()] == [1.5, 2.5]
+        assert len(names(store)) == 1
+        with pytest.raises(DestinationExistsError, match="is there already"):
+            convert(tmp_path / "arm.csv", "runs/arm", store=store)
+        store.put("others/1.mcap", b"\x89MCAP0\r\n of another program")
+        with pytest.raises(DestinationExistsError, match="another program"):
+            convert(tmp_path / "arm.csv", "others", store=store, overwrite=True)
