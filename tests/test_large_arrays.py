@@ -24,7 +24,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording, convert
-from ml_dash_mcap.rows import packed
+from ml_dash_mcap.rows import packed_arrays
 from tests.support import disk
 from tests.support.examples import examples
 from tests.support.viewer_schema import violations
@@ -169,8 +169,8 @@ def test_only_large_arrays_of_numbers_are_packed(tmp_path: Path, array: Any, is_
 
 
 def test_an_array_without_elements_that_would_be_millions_of_lists_is_packed() -> None:
-    assert packed.is_large(np.zeros((10**9, 0)))
-    assert not packed.is_large(np.zeros((100, 0)))
+    assert packed_arrays.is_large(np.zeros((10**9, 0)))
+    assert not packed_arrays.is_large(np.zeros((100, 0)))
 
 
 class Tensor:
@@ -493,7 +493,7 @@ def test_long_lists_stay_lists_through_a_bag(tmp_path: Path) -> None:
 @example("float64[9999999999,9999999999]", "AAAA")
 @example("uint8" + "[" + ",".join("1" * 90) + "]", "AA==")
 def test_a_spelling_that_does_not_fit_is_no_array_and_takes_no_memory(spelling: str, text: str) -> None:
-    found = packed.unpack(text, spelling)
+    found = packed_arrays.unpack(text, spelling)
     if found is not None:
         assert found.nbytes <= len(text)
         name, _, lengths = re.sub(r"masked |>", "", spelling)[:-1].partition("[")

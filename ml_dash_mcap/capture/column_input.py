@@ -13,7 +13,7 @@ from .. import clock
 from ..codecs.codec import Codec, EncodedColumns
 from ..errors import FieldError, TimestampError
 from ..mcap.message_records import MESSAGE_FIXED_BYTES, MESSAGE_OPCODE
-from ..rows import from_data_frames, packed
+from ..rows import from_data_frames, packed_arrays
 from ..rows.encode import TIME_KEY
 from ..time_hints import seconds_hint, unit_hint
 from ..timestamps import MISSING
@@ -53,7 +53,7 @@ def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes, co
     leaves = list(column_rows.leaves(checked))
     if not all(map(_is_numbers, leaves)):  # a value that cannot be stored is an error before any row is taken
         return iter(list(_encode_rows(times, checked, topic, head, codec)))
-    if any(len(leaf) and packed.is_large(leaf[0]) for leaf in leaves if leaf.ndim > 1):
+    if any(len(leaf) and packed_arrays.is_large(leaf[0]) for leaf in leaves if leaf.ndim > 1):
         return _encode_rows(times, checked, topic, head, codec)
     encoded = codec.encode_columns(times, checked, topic, head)
     return _encode_rows(times, checked, topic, head, codec) if encoded is None else encoded

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import FieldError
-from ..rows import foreign_values, packed
+from ..rows import foreign_values, packed_arrays
 from ..rows.encode import LARGEST_INT, SMALLEST_INT, TIME_KEY, PlainRow
 from ..rows.merge import merge
 from ..rows.shape import Shape
@@ -177,9 +177,9 @@ def _dumps(row: Mapping[str, Any]) -> bytes:
 def _encode_array(encoder: cbor2.CBOREncoder, value: Any) -> None:
     """Encode an array of numpy that is no list."""
     tag = None if np.ma.is_masked(value) else _TAG_OF.get(value.dtype.str)
-    content = bytes(packed.content(value))
+    content = bytes(packed_arrays.content(value))
     if tag is None:
-        encoder.encode(cbor2.CBORTag(_OBJECT, [_ARRAY_NAME, packed.spelling(value), content]))
+        encoder.encode(cbor2.CBORTag(_OBJECT, [_ARRAY_NAME, packed_arrays.spelling(value), content]))
     else:
         typed = cbor2.CBORTag(tag, content)
         encoder.encode(typed if value.ndim == 1 else cbor2.CBORTag(_ROW_MAJOR, [list(value.shape), typed]))
@@ -251,7 +251,7 @@ def _array(tag: cbor2.CBORTag, immutable: bool) -> Any:
             array = np.frombuffer(bytearray(value), dtype)
     elif tag.tag == _OBJECT and isinstance(value, (list, tuple)) and len(value) == 3 and value[0] == _ARRAY_NAME:
         if isinstance(value[1], str) and isinstance(value[2], bytes):
-            array = packed.of_content(bytearray(value[2]), value[1])
+            array = packed_arrays.of_content(bytearray(value[2]), value[1])
     elif tag.tag == _ROW_MAJOR and isinstance(value, (list, tuple)) and len(value) == 2:
         array = _shaped(*value)
     return value if array is None else array

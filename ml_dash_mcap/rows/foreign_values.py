@@ -15,7 +15,7 @@ from dataclasses import fields as dataclass_fields
 from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from . import from_data_frames, packed
+from . import from_data_frames, packed_arrays
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -89,10 +89,10 @@ def array_of(value: Any) -> npt.NDArray[Any] | None:
 
 def large_array_of(value: Any) -> npt.NDArray[Any] | None:
     """Return the array that an object is or holds if it is to be packed, see `packed.is_large`."""
-    if _count(value) <= packed.MOST_LISTED:
+    if _count(value) <= packed_arrays.MOST_LISTED:
         return None
     array = array_of(value)
-    return array if array is not None and packed.is_large(array) else None
+    return array if array is not None and packed_arrays.is_large(array) else None
 
 
 def _count(value: Any) -> int:
@@ -103,9 +103,9 @@ def _count(value: Any) -> int:
     if isinstance(value, memoryview):
         return value.nbytes
     try:
-        return len(value) if not hasattr(value, "shape") else packed.MOST_LISTED + 1
+        return len(value) if not hasattr(value, "shape") else packed_arrays.MOST_LISTED + 1
     except TypeError:
-        return packed.MOST_LISTED + 1 if hasattr(value, "__array__") else 1
+        return packed_arrays.MOST_LISTED + 1 if hasattr(value, "__array__") else 1
 
 
 def is_bytes(view: memoryview) -> bool:

@@ -6,7 +6,7 @@ of the row says where and what they were:
     {"q": [1.0, null], "img": "AAE=", "_exact": {"NaN": {"/q": [1]}, "bytes": {"": ["img"]}}, "_ts": 1.5}
 
 The side key maps a spelling to the containers that hold such values, each an RFC 6901 pointer with the keys or
-indices inside it. Small arrays are lists; large ones are spelled as `packed` says.
+indices inside it. Small arrays are lists; large ones are spelled as `packed_arrays` says.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 import orjson
 
 from ..errors import FieldError
-from . import foreign_values, packed
+from . import foreign_values, packed_arrays
 from .encode import EXACT_KEY, PlainRow
 
 _BULK = 64
@@ -59,7 +59,7 @@ def row_value(value: Any) -> Any:
         if dtype.kind in _NUMBERS:
             if 0 < size <= _BULK:  # nearly all arrays in a control loop
                 return value.tolist()
-            if size and not packed.is_large(value) and dtype.itemsize <= 8:
+            if size and not packed_arrays.is_large(value) and dtype.itemsize <= 8:
                 return _bulk(value)
     return _plain(value, packs=True)
 
@@ -75,7 +75,7 @@ def _plain(value: Any, *, packs: bool) -> Any:
     if not isinstance(size, int) or size > _BULK or not size:
         array = foreign_values.array_of(value)
         if array is not None:
-            if packs and packed.is_large(array):
+            if packs and packed_arrays.is_large(array):
                 raise TypeError("only the side key says which array it was")
             if array.dtype.kind in _NUMBERS and array.dtype.itemsize <= 8 and array.size > _BULK:
                 return foreign_values.listed(array) if hasattr(array, "mask") else _bulk(array)
@@ -171,7 +171,7 @@ class _JsonRow(PlainRow):
 
     def array(self, value: Any, parent: str, key: str | int) -> Any:
         """Note the type and shape; the elements become base64."""
-        text, spelling = packed.pack(value)
+        text, spelling = packed_arrays.pack(value)
         self._note(spelling, parent, key)
         return self._base64(text)
 
@@ -197,7 +197,7 @@ def restore(row: dict[str, Any]) -> dict[str, Any]:
 
 def restore_kinds(row: dict[str, Any]) -> dict[str, Any]:
     """Do the same where only the kinds of the values matter: bytes become empty, and arrays their spelling."""
-    return _restore(row, lambda spelling, _: b"" if spelling == "bytes" else packed.spelling_of(spelling))
+    return _restore(row, lambda spelling, _: b"" if spelling == "bytes" else packed_arrays.spelling_of(spelling))
 
 
 def _restore(row: dict[str, Any], value_of: Callable[[str, str], Any]) -> dict[str, Any]:
@@ -252,7 +252,7 @@ def _put_back(container: Any, key: Any, spelling: str, value_of: Callable[[str, 
 def _value_of(spelling: str, text: str) -> Any:
     """Return the bytes or the array that a base64 text stands for; None if it stands for neither."""
     if spelling != "bytes":
-        return packed.unpack(text, spelling)
+        return packed_arrays.unpack(text, spelling)
     try:
         return base64.b64decode(text, validate=True)
     except ValueError:

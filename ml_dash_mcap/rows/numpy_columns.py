@@ -9,8 +9,9 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from . import packed
-from .typed_columns import Column, is_json, values_of, whole
+from . import packed_arrays
+from .arrow_types import is_list, is_number
+from .typed_columns import Column, is_json, leaves, values_of, whole
 
 _MOST_LISTS = 31
 """Lists in lists that an array has room for, as dimensions behind the one of the rows: numpy 1 has 32."""
@@ -52,11 +53,10 @@ def _array(array: pa.Array) -> npt.NDArray[Any]:
 
 def is_large(column: pa.ChunkedArray | pa.Array) -> bool:
     """Whether the values of a column are what large arrays become: lists of many numbers each."""
-    type_, inner = column.type, column
-    while pa.types.is_list(type_) or pa.types.is_fixed_size_list(type_):
-        inner, type_ = whole(inner).flatten(), type_.value_type
-    is_number = pa.types.is_integer(type_) or pa.types.is_floating(type_) or pa.types.is_boolean(type_)
-    return is_number and pa.types.is_nested(column.type) and len(inner) > packed.MOST_LISTED * max(len(column), 1)
+    elements = leaves(whole(column))
+    if elements.type == column.type or not (is_number(elements.type) or pa.types.is_boolean(elements.type)):
+        return False
+    return len(elements) > packed_arrays.MOST_LISTED * max(len(column), 1)
 
 
 def cells(column: pa.ChunkedArray | pa.Array) -> list[Any]:
@@ -81,7 +81,7 @@ def _of_objects(values: list[Any]) -> npt.NDArray[Any]:
 def common_shape(array: pa.Array) -> tuple[tuple[int, ...] | None, pa.Array]:
     """Return the shape of each value and the array of all their elements; None if the shapes differ."""
     type_ = array.type
-    if pa.types.is_list(type_) or pa.types.is_fixed_size_list(type_):
+    if is_list(type_):
         lengths = pc.unique(pc.drop_null(pc.list_value_length(array))).to_pylist()
         elements = array.flatten()
         if len(lengths) != 1 or (elements.null_count and pa.types.is_nested(elements.type)):

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from . import packed, shape
+from . import packed_arrays, shape
 from .encode import TIME_KEY
 from .shape import NOTHING, ArrayType, Shape, join, of_dicts, of_lists, scalar
 
@@ -114,7 +114,7 @@ def _array(lists: Shape, words: dict[str, Any], budget: list[int]) -> dict[str, 
 
 
 def _description(array: ArrayType | None) -> str:
-    """Return the type and the lengths of arrays as `packed` describes them; "array" where too much differs."""
+    """Return the type and the lengths of arrays as `packed_arrays` describes them; "array" where too much differs."""
     if array is None or array.dtype is None or array.lengths is None:
         return "array"
     return f"{array.dtype}[{','.join('' if length is None else str(length) for length in array.lengths)}]"
@@ -146,5 +146,5 @@ def _of_description(description: object) -> Shape:
     """Return the shape of arrays that a schema describes; that of bytes if it describes none."""
     if description == "array":
         return Shape(shape.ARRAY, array=ArrayType(None, None))
-    parsed = packed.parse(description) if isinstance(description, str) else None
+    parsed = packed_arrays.parse(description) if isinstance(description, str) else None
     return scalar(shape.BYTES) if parsed is None else Shape(shape.ARRAY, array=ArrayType(*parsed))

@@ -11,6 +11,7 @@ import pyarrow as pa
 from .. import clock
 from ..errors import OptionError, UsageError
 from . import element_columns, numpy_columns, typed_columns
+from .arrow_types import is_list
 from .dotted import free_names
 from .encode import TIME_KEY
 
@@ -97,7 +98,7 @@ def _has_gaps(array: pa.Array) -> bool:
     type_ = array.type
     if pa.types.is_struct(type_):
         return any(map(_has_gaps, array.flatten()))
-    if pa.types.is_list(type_) or pa.types.is_fixed_size_list(type_):
+    if is_list(type_):
         return _has_gaps(array.flatten())
     return bool(array.null_count) and bool(pa.types.is_integer(type_) or pa.types.is_boolean(type_))
 

@@ -8,7 +8,7 @@ from itertools import chain
 from operator import or_
 from typing import Any
 
-from . import packed
+from . import packed_arrays
 from .encode import has_lone_surrogates
 from .shape import (
     ANY_INTEGER,
@@ -77,7 +77,7 @@ def _of_one_type(type_: type, values: Sequence[Any], is_coarse: bool, *, is_in_l
         return scalar(OPAQUE) if is_coarse and is_in_list else _of_list_values(values, is_coarse)
     if type_ is dict:
         return _of_dict_values(values, is_coarse)
-    if type_ is packed.Spelling:
+    if type_ is packed_arrays.Spelling:
         return _of_arrays(map(_spelled_type, values))
     return _of_foreign(values)
 
@@ -120,7 +120,8 @@ def _of_foreign(values: Sequence[Any]) -> Shape:
 
     if isinstance(values[0], np.ndarray):
         return _of_arrays(
-            ArrayType(array.dtype.name, array.shape, packed.is_plain(packed.spelling(array))) for array in values
+            ArrayType(array.dtype.name, array.shape, packed_arrays.is_plain(packed_arrays.spelling(array)))
+            for array in values
         )
     return scalar(OPAQUE)
 
@@ -130,8 +131,8 @@ def _of_arrays(types: Iterable[ArrayType]) -> Shape:
 
 
 def _spelled_type(spelling: str) -> ArrayType:
-    dtype, lengths = packed.parse(packed.described(spelling)) or (None, None)
-    return ArrayType(dtype, lengths, packed.is_plain(spelling))
+    dtype, lengths = packed_arrays.parse(packed_arrays.described(spelling)) or (None, None)
+    return ArrayType(dtype, lengths, packed_arrays.is_plain(spelling))
 
 
 _SIMPLE = {

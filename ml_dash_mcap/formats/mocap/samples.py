@@ -16,6 +16,7 @@ from ...errors import ConversionError
 from ...meaning.mocap_objects import NumberSource
 from ...query.topic_part import TopicPart
 from ...rows import numpy_columns
+from ...rows.arrow_types import is_list
 from ...rows.encode import TIME_KEY
 from ...rows.table import to_table
 from ...rows.typed_columns import values_of
@@ -136,7 +137,7 @@ def _fill(part: Floats, array: Any, shape: tuple[int, ...]) -> bool:
         return False
     leaf = array
     if shape:
-        if not (pa.types.is_list(array.type) or pa.types.is_fixed_size_list(array.type)):
+        if not is_list(array.type):
             return False
         lengths = pc.min_max(pc.list_value_length(array)).as_py()
         if {*lengths.values()} != {shape[0]}:

@@ -17,7 +17,7 @@ import pyarrow as pa
 from ...capture.topic_registry import TopicAbout
 from ...file_names import MESSAGE, TRACK
 from ...recorder import Recorder, open_topic
-from ...rows import numpy_columns, packed
+from ...rows import numpy_columns, packed_arrays
 from ...rows.dotted import FIELD_PREFIX
 from ...rows.encode import TIME_KEY
 from ...rows.typed_columns import ENCODING_KEY, from_text
@@ -117,7 +117,7 @@ class OurTable:
         """Whether columns become arrays in the rows where arrays were, and lists where lists were."""
         if isinstance(array, dict):
             return all(self._is_packed_alike(f"{name}.{key}", inner) for key, inner in array.items())
-        is_large = len(array) > 0 and array.ndim > 1 and packed.is_large(array[0])
+        is_large = len(array) > 0 and array.ndim > 1 and packed_arrays.is_large(array[0])
         return bool(is_large == (name.removeprefix(FIELD_PREFIX) in self._types))
 
     def _maker(self, field: pa.Field) -> Make:
@@ -186,7 +186,7 @@ def _array_types(properties: Mapping[str, Any], parent: str = "") -> Iterator[tu
         description = (
             property_.get("description") if isinstance(property_, Mapping) and "contentEncoding" in property_ else None
         )
-        array_type = packed.parse(description) if isinstance(description, str) else None
+        array_type = packed_arrays.parse(description) if isinstance(description, str) else None
         if array_type is not None:
             yield parent + name, array_type[0]
         elif isinstance(property_, Mapping):
@@ -203,7 +203,7 @@ def _large(value: Any, type_: str) -> Any:
         array = np.ma.MaskedArray(np.where(mask, 0, objects).astype(type_), mask)
     except ValueError:  # ragged
         return value
-    return array if packed.is_large(array) else value
+    return array if packed_arrays.is_large(array) else value
 
 
 def _maker(field: pa.Field, nothing: Any, name: str, types: Mapping[str, str]) -> Make:

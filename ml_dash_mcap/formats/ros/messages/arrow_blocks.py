@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ....codecs.ros.message_columns import Column, Ragged
-from ....rows.arrow_types import of_array
+from ....rows.arrow_types import is_list, of_array
 from ....rows.encode import TIME_KEY
 from ....rows.shape import EXACT_INTEGER, Shape, of_dicts
 from ....rows.table import Block
@@ -94,7 +94,7 @@ def _fixed(one: Field, array: Any) -> dict[str, Column] | None:
 
 
 def _ragged(one: Field, array: Any) -> dict[str, Column] | None:
-    if not (pa.types.is_list(array.type) or pa.types.is_fixed_size_list(array.type)):
+    if not is_list(array.type):
         return None
     lengths = pc.list_value_length(array).to_numpy(zero_copy_only=False).astype(np.int64)
     inner = array.flatten()

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ....codecs.ros.message_columns import Column, Ragged, texts
-from ....rows import packed
+from ....rows import packed_arrays
 from ....rows.encode import EXACT_KEY, TIME_KEY, has_lone_surrogates
 from ....rows.json_text import dumps_any, exact_as_read, loads_any
 from ....rows.shape import EXACT_INTEGER
@@ -103,7 +103,7 @@ def column(one: Field, values: list[Any], states: npt.NDArray[np.uint8]) -> dict
 def _arrays(one: Field, values: list[Any]) -> Column:
     """Return arrays of one type and shape as a column, [N, k]."""
     wanted = f"{one.kind}[{','.join(map(str, one.shape or ()))}]"
-    if any(not isinstance(value, np.ndarray) or packed.spelling(value) != wanted for value in values):
+    if any(not isinstance(value, np.ndarray) or packed_arrays.spelling(value) != wanted for value in values):
         raise MisfitError
     found = np.stack(values).reshape(len(values), -1)
     return found.view(np.uint8) if one.kind == "bool" else found

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ....codecs.ros.message_columns import Column, Ragged, count
-from ....rows import packed
+from ....rows import packed_arrays
 from ....rows.encode import TIME_KEY
 from ....rows.json_text import loads_any, restore
 from .fill import VALUE_KEY
@@ -39,7 +39,7 @@ def plain(message: Message, column: dict[str, Column]) -> dict[str, Any] | None:
         if message.is_stated and not (column[STATE][:, number] == PRESENT).all():
             return None
         array = column[one.name].reshape(-1, *one.shape)  # type: ignore[misc]  # it has one
-        if one.shape and packed.is_large(array[:1].reshape(one.shape)) != one.is_array:
+        if one.shape and packed_arrays.is_large(array[:1].reshape(one.shape)) != one.is_array:
             return None  # large columns become arrays, and these are lists
         arrays[one.key] = array.astype(np.bool_) if one.kind == "bool" else array
     return arrays
