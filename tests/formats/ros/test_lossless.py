@@ -13,9 +13,11 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ml_dash_mcap.codecs.ros.message_columns import Constant
 from ml_dash_mcap.codecs.ros.pack import pack
 from ml_dash_mcap.codecs.ros.unpack import unpack
-from ml_dash_mcap.formats.ros.messages import lossless, lossless_definitions, restore
+from ml_dash_mcap.formats.ros.messages import arrow_blocks, lossless, lossless_definitions, restore
 from ml_dash_mcap.formats.ros.messages.fill import MisfitError, fill
 from ml_dash_mcap.formats.ros.messages.lossless import Message
+from ml_dash_mcap.rows.dotted import flatten
+from ml_dash_mcap.rows.table import block_of
 from ml_dash_mcap.rows.value_shapes import of_values
 from tests.support.examples import examples
 from tests.support.row_shapes import tables, typed
@@ -125,6 +127,19 @@ def test_units_stand_in_brackets_and_nothing_else_does() -> None:
     assert "float64[1] q  # [rad]" in text
     assert "[" not in text.splitlines()[0]
     assert lossless_definitions.parse(message.name, text) == message
+
+
+UTF8 = st.text(st.characters(exclude_categories=["Cs"]), max_size=3) | st.just("\0")
+LEAVES = {"": st.integers(-(2**63), 2**63 - 1), "b": UTF8, "v": st.lists(st.floats(), min_size=1, max_size=2)}
+NESTED = st.fixed_dictionaries(
+    {"": UTF8, "a": st.fixed_dictionaries(LEAVES), "n": st.booleans(), "_ts": st.floats(0, 9)}
+)
+
+
+@given(st.lists(NESTED, min_size=1, max_size=4))
+def test_columns_of_rows_have_the_shape_of_the_rows(rows: list[Row]) -> None:
+    block = block_of([flatten(row, "_ts") for row in rows])
+    assert arrow_blocks.shape_of(block) == of_values(rows)
 
 
 def test_rows_of_another_form_do_not_fit() -> None:

@@ -29,11 +29,14 @@ def shape_of(block: Block) -> Shape:
 
 def _shape(columns: Mapping[str, Any]) -> Shape:
     """Return the shape of dicts whose fields lie in columns with dotted names."""
-    inner: dict[str, dict[str, Any]] = {}
+    fields: dict[str, Any] = {}
     for name, array in columns.items():
-        key, _, rest = name.partition(".")
-        inner.setdefault(key, {})[rest] = array
-    return of_dicts({key: of_array(some[""]) if "" in some else _shape(some) for key, some in inner.items()})
+        key, dot, rest = name.partition(".")
+        if dot:
+            fields.setdefault(key, {})[rest] = array
+        else:
+            fields[key] = array
+    return of_dicts({key: _shape(some) if isinstance(some, dict) else of_array(some) for key, some in fields.items()})
 
 
 def fill_block(message: Message, block: Block) -> dict[str, Column]:
