@@ -30,7 +30,7 @@ from .errors import PrefixError, StorageError, TopicError, UsageError
 from .file_names import PARAMETERS_RECORD, TRACK
 from .inspect.earlier_run import own_clock_until
 from .inspect.plain_words import seconds_text
-from .meaning.annotations import NOTHING_SAID, collect
+from .meaning.annotations import NO_ANNOTATIONS, collect
 from .options import RecorderOptions, arguments_of, check_options, misplaced
 from .recovery import recover_folder
 from .timestamps import stamper
@@ -168,7 +168,7 @@ class Recorder:
         """
         topic: Topic | None = self._registry.get(TRACK, name) if isinstance(name, str) else None
         told = (description, tags, metadata, units, joint_names, frame_id, quat_order)
-        if topic is not None and told == NOTHING_SAID and encoding in (None, topic.encoding):
+        if topic is not None and told == NO_ANNOTATIONS and encoding in (None, topic.encoding):
             return topic
         check_topic(name)
         more = collect(units, joint_names, frame_id, quat_order)

@@ -118,7 +118,7 @@ _BUILT_IN = (
         detect=signs.motive,
         read="mocap.motive.read:record",
         read_options="mocap.take_options:MotiveReadOptions",
-        write="mocap.csv_layouts:export",
+        write="mocap.motive.write:export",
         write_options="mocap.take_options:MocapWriteOptions",
         render="mocap.mocap_dict:render",
     ),

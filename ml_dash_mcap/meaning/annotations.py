@@ -1,4 +1,4 @@
-"""What can be said of a topic so that other formats need not guess: units, joints, frame, order of quaternions."""
+"""Annotations of a topic, so that other formats need not guess: units, joints, frame, order of quaternions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..errors import FieldError
 
 QUAT_ORDERS = ("xyzw", "wxyz")
 
-NOTHING_SAID = (None,) * 7
+NO_ANNOTATIONS = (None,) * 7
 """Description, tags, metadata, and the four below, where none is given."""
 
 

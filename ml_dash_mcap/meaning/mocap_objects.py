@@ -109,7 +109,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Objects:
-    """What was found in a topic."""
+    """The objects of a topic."""
 
     bodies: tuple[Body, ...] = ()
     markers: tuple[Marker, ...] = ()

@@ -55,7 +55,7 @@ USUAL: Mapping[str, str] = {"magnetic field": "uT"}
 
 
 def of_field(units: object, way: Sequence[str]) -> object:
-    """Return what a topic's `units` say of a field; None if nothing.
+    """Return the unit of a field in a topic's `units`; None if it has none.
 
     Args:
         units: By dotted name, or dicts like those of the rows.

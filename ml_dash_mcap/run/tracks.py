@@ -10,7 +10,7 @@ from typing import Any, Generic, Literal, TypeVar, overload
 from ..capture.topic_registry import TopicAbout
 from ..errors import EntryNotFoundError, FieldError, RangeError
 from ..file_names import TRACK
-from ..meaning.annotations import NOTHING_SAID, collect
+from ..meaning.annotations import NO_ANNOTATIONS, collect
 from ..recorder import Recorder, open_topic
 from ..rows.result_dicts import BytesFormat, Entries, Take
 from ..topic import Topic, check_topic
@@ -259,7 +259,7 @@ class Tracks(Generic[TrackT]):
         """
         track = self._opened.get(topic) if isinstance(topic, str) else None
         said = (description, tags, metadata, units, joint_names, frame_id, quat_order)
-        if track is not None and said == NOTHING_SAID:
+        if track is not None and said == NO_ANNOTATIONS:
             return track
         check_topic(topic)
         more = collect(units, joint_names, frame_id, quat_order)

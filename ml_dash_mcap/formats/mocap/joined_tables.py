@@ -1,4 +1,4 @@
-"""Two tables of one take, row by row: what stands at the same time is one row."""
+"""Two tables of one take, row by row: rows of the same time become one row."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class _RowStream:
         self.is_over = False
 
     def bound(self) -> float:
-        """Return up to which time all rows are known, reading on if none is; the last time's may still go on."""
+        """Return the time before which all rows were read; reads on if there is none. More of its rows may follow."""
         while not self.is_over and (not len(self._times) or self._times[0] == self._times[-1]):
             more = next(self._rows, None)
             if more is None:
@@ -79,6 +79,6 @@ def _sorted(rows: Rows) -> Rows:
 
 
 def _numbered(times: Floats) -> Floats:
-    """Return times, [N], with how many of the same stand before each, [N, 2]."""
+    """Return each time with the number of equal times before it, [N, 2]."""
     first = np.searchsorted(times, times)
     return np.stack((times, np.arange(len(times)) - first), axis=1)

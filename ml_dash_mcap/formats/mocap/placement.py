@@ -94,7 +94,7 @@ def from_text(text: str, columns: int) -> Note | None:
 
 
 class Placing:
-    """Collects where objects were written, number by number, and says it field by field."""
+    """Collects the columns to which the numbers of objects were written, and returns them by field."""
 
     def __init__(self) -> None:
         self._fields: dict[tuple[str, Path], tuple[tuple[int, ...], list[int]]] = {}
@@ -134,7 +134,7 @@ class Placing:
             places[number % size] = column
 
     def placements(self) -> tuple[Placement, ...]:
-        """Return the fields; of one that was written in part, that part, as a vector below its name."""
+        """Return the fields. If only a part of a field was written, that part is a vector below its name."""
         whole: list[Placement] = []
         for (topic, path), (shape, places) in self._fields.items():
             written = tuple(place for place in places if place >= 0)

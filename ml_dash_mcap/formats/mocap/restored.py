@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Set
 from typing import Any
 
 from ...meaning.space import turned, turned_rotations, unit_of
 from ...meaning.units import DECIMALS
-from .placement import Note
+from .placement import Note, Placement
 
 
-def shifts(note: Note, decimals: int, columns: int, lengths: Collection[int]) -> list[int]:
+def shifts(note: Note | None, decimals: int, columns: int, lengths: Set[int]) -> list[int]:
     """Return by how many places the decimal point of each column moves to the right.
 
     Args:
-        note: What the file says of the recording.
+        note: What the file says of the recording; None for a file of another tool, whose lengths become metres.
         decimals: Of the file's unit of length: by how many places the point moves from metres.
         columns: How many there are.
         lengths: Those of them that are lengths.
     """
     shifts_by_column = [-decimals if at in lengths else 0 for at in range(columns)]
-    for placement in note.placements:
-        for at in placement.columns:
-            if at in lengths:
-                shifts_by_column[at] += DECIMALS[
-                    unit_of(note.metadata.get(placement.topic, {}), ".".join(placement.path))
-                ]
+    for placement in note.placements if note else ():
+        for at in lengths & set(placement.columns):
+            shifts_by_column[at] += _decimals(note, placement)
     return shifts_by_column
+
+
+def _decimals(note: Note | None, placement: Placement) -> int:
+    """Return by how many places the point moves from metres to the unit that a field had."""
+    metadata = note.metadata.get(placement.topic, {}) if note else {}
+    return DECIMALS[unit_of(metadata, ".".join(placement.path))]
+
+
+def metadata(note: Note, more: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return the metadata that topics had when they were recorded, with more for each."""
+    return {topic: {**about, **more} for topic, about in note.metadata.items()}
 
 
 def turn_back(

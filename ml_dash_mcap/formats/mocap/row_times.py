@@ -99,6 +99,24 @@ def find(clue: Clue, cells: Cells, file: BinaryIO, line: int, origin: float) -> 
     return Timing(origin)
 
 
+def settled(
+    path: Path, clue: Clue, cells: Cells, file: BinaryIO, line: int, origin: float, *, is_asked: bool
+) -> Timing:
+    """Return how the rows of a file's only table get their times, none of which lies below 0.
+
+    Args:
+        path: The file.
+        clue: As in `find`, like `cells`, `file`, `line` and `origin`.
+        cells: How the table is parsed.
+        file: At the table's first line; it stays there.
+        line: The number of that line.
+        origin: The time stamp of time 0, in s.
+        is_asked: As in `not_below_zero`.
+    """
+    timing = find(clue, cells, file, line, origin)
+    return not_below_zero(path, timing, [first_stamp(clue, cells, file, timing)], is_asked=is_asked)
+
+
 def not_below_zero(path: Path, timing: Timing, first_s: Iterable[float], *, is_asked: bool) -> Timing:
     """Return the timing moved so that a take that begins before time 0 begins there, with a warning.
 
@@ -106,7 +124,7 @@ def not_below_zero(path: Path, timing: Timing, first_s: Iterable[float], *, is_a
         path: The file.
         timing: As the file says it.
         first_s: The first time stamps of its tables by that timing, in s.
-        is_asked: Whether the caller said the time stamp of time 0: then nothing is moved.
+        is_asked: Whether the caller gave the time stamp of time 0: then nothing is moved.
     """
     stamps = [time for time in first_s if time == time]
     if is_asked or not stamps or min(stamps) >= 0:

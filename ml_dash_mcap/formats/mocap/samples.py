@@ -29,7 +29,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class Samples:
-    """Reads a topic once, from its first row to its last; memory holds what was asked for last."""
+    """Reads a topic once, from its first row to its last; memory holds the rows of the last request."""
 
     def __init__(self, part: TopicPart, sources: Sequence[NumberSource], counter: RowCounter) -> None:
         self._topic = part.topic
@@ -107,7 +107,7 @@ class Samples:
         return flat
 
     def _odd(self, value: Any, name: str, shape: tuple[int, ...], time: float) -> Any:
-        """Return one row's value out of a column that is no plain array."""
+        """Return the numbers of one row's value, which is no part of a plain array."""
         try:
             numbers = np.array(value, np.float64)
         except (TypeError, ValueError):

@@ -11,9 +11,24 @@ import numpy as np
 from ...errors import ConversionError, ConversionWarning
 from ...inspect.field_shapes import Field
 from ...meaning import mocap_objects, rotations
-from ...meaning.mocap_objects import Joint, NumberSource, Objects
+from ...meaning.mocap_objects import Body, Joint, Marker, NumberSource, Objects
 from ...rows.encode import TIME_KEY
 from ..export_job import Job
+
+
+def bodies_and_markers(job: Job, quat_order: str | None) -> tuple[list[Body | Marker], list[Joint]]:
+    """Return the bodies of all topics of a job, then their markers; and their joints.
+
+    Raises:
+        ConversionError: There are no bodies and no markers.
+    """
+    topics = found_in(job, quat_order).values()
+    things: list[Body | Marker] = [body for objects in topics for body in objects.bodies]
+    things += [marker for objects in topics for marker in objects.markers]
+    joints = [joint for objects in topics for joint in objects.joints]
+    if not things:
+        raise ConversionError(_nothing(job, bool(joints)))
+    return things, joints
 
 
 def found_in(job: Job, quat_order: str | None) -> dict[str, Objects]:
@@ -75,8 +90,8 @@ def _path(name: str, schema: Mapping[str, Any]) -> mocap_objects.Path:
     return tuple(name.split("."))
 
 
-def nothing(job: Job, has_joints: bool) -> str:
-    """Say that no topic has a body or a marker."""
+def _nothing(job: Job, has_joints: bool) -> str:
+    """Return the error text for topics without bodies and markers."""
     names = ", ".join(map(repr, job.topics)) or "none"
     hint = "format='sto' or layout='wide'" if has_joints else "layout='wide'"
     return (

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import ConversionError
 from ...meaning.mocap_objects import Body, Marker
 from ...meaning.units import DECIMALS
 from ..destination import refuse_existing
@@ -15,7 +14,7 @@ from ..export_job import Job
 from . import take_clock as rates
 from .placement import Note, Placing
 from .take import Floats, OutgoingTake, Thing
-from .take_contents import found_in, nothing
+from .take_contents import bodies_and_markers
 from .take_options import TakeOptions
 
 
@@ -59,12 +58,7 @@ def find(job: Job, options: TakeOptions, unit: str, *, with_rotations: bool = Fa
         ConversionError: There are no points, or no clock to write them on.
     """
     refuse_existing(job.dest)
-    objects = found_in(job, options.quat_order)
-    bodies = [body for of_topic in objects.values() for body in of_topic.bodies]
-    markers = [marker for of_topic in objects.values() for marker in of_topic.markers]
-    if not bodies and not markers:
-        raise ConversionError(nothing(job, any(of_topic.joints for of_topic in objects.values())))
-    things: list[Thing] = [*bodies, *markers]
+    things: list[Thing] = [*bodies_and_markers(job, options.quat_order)[0]]
     clock = rates.find(job, [thing.topic for thing in things], options.rate)
     take = OutgoingTake(job, options, things, clock)
     points: list[Body | Marker] = []

@@ -151,13 +151,13 @@ class TopicFrames:
         )
 
     def _suspect(self, thing: Body, numbers: Floats) -> None:
-        """Warn if nobody said what a quaternion's order is and its first value looks like the other one."""
+        """Warn if a quaternion's order is not stated and its first value looks like the other order."""
         if not self._is_first or not len(numbers):
             return
         self._is_first = False
-        is_said = self._options.quat_order or self._metadata.get("quat_order")
+        is_stated = self._options.quat_order or self._metadata.get("quat_order")
         is_dict = thing.rotation is None or not thing.rotation.shape  # whose keys say what is what
-        if not is_said and not is_dict and abs(numbers[0, 0]) > _IDENTITY_FIRST:
+        if not is_stated and not is_dict and abs(numbers[0, 0]) > _IDENTITY_FIRST:
             warnings.warn(
                 f"topic {thing.topic!r}: its quaternions start with {numbers[0].tolist()}, which looks like w x y z;"
                 " they are taken as x y z w. Pass quat_order='wxyz' or 'xyzw', or say it in the topic's metadata",

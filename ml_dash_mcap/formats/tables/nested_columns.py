@@ -58,7 +58,7 @@ def fields(tree: Tree, leaf: Callable[[str], pa.Field]) -> list[pa.Field]:
     """Return the fields of a tree.
 
     Args:
-        found: The tree.
+        tree: The tree.
         leaf: Returns the field of a column, under whatever name.
     """
     return [
@@ -72,7 +72,7 @@ def arrays(wanted: Sequence[pa.Field], tree: Tree, columns: Mapping[str, pa.Arra
 
     Args:
         wanted: What `fields` returned.
-        found: The tree.
+        tree: The tree.
         columns: By dotted name.
     """
     return [

@@ -32,7 +32,7 @@ Make = Callable[[Any], Any]
 
 
 class OurTable:
-    """What the columns of such a table were made of."""
+    """A table of this library, and the fields of rows that its columns were made of."""
 
     def __init__(self, schema: pa.Schema, about: TableAbout) -> None:
         """Look at the columns.
@@ -55,7 +55,7 @@ class OurTable:
         self._makes = {name: self._maker(field) for name, field in self._fields.items()}
 
     def open(self, recorder: Recorder, name: str) -> Topic:
-        """Open its topic, with what was said of it."""
+        """Open the topic of the table with its description, tags and metadata."""
         about = self._about
         params = about.run.get("params")
         if isinstance(params, Mapping) and params:
@@ -151,7 +151,7 @@ class OurTable:
         }
 
     def _type_of(self, name: str) -> Any:
-        """Return what the rows' schema says a field is; None if it says nothing."""
+        """Return the type of a field in the rows' schema; None if it is not there."""
         inner: Any = {"properties": self._properties}
         for part in self._paths_of(name):
             inner = properties_of(inner).get(part)
@@ -159,14 +159,14 @@ class OurTable:
 
 
 def _is_derived(field: pa.Field) -> bool:
-    """Whether a column says the same as that of time stamps, for other readers."""
+    """Whether a column repeats the time stamps in another form, for other readers."""
     if field.name == WALL_CLOCK:
         return bool(pa.types.is_timestamp(field.type))
     return field.name == OTHER_CLOCK and (field.metadata or {}).get(UNIT_KEY) == b"ns"
 
 
 def put(row: dict[str, Any], path: tuple[str, ...], value: Any) -> bool:
-    """Put a value where it was; a key whose parent is no dict keeps its dots. Returns whether it is nested."""
+    """Put a value into nested dicts; a key whose parent is no dict keeps its dots. Returns whether it is nested."""
     if value is ABSENT:
         return True
     inner = row
@@ -194,7 +194,7 @@ def _array_types(properties: Mapping[str, Any], parent: str = "") -> Iterator[tu
 
 
 def _large(value: Any, type_: str) -> Any:
-    """Return nested lists as the array that they were, unless that would have been a list."""
+    """Return nested lists as an array, if it is one that rows keep as an array; else the lists."""
     try:
         array = np.array(value, type_)
     except TypeError:  # None, where an element was masked
@@ -267,7 +267,7 @@ def _reshaped(flat: list[Any], shape: tuple[int, ...]) -> list[Any]:
 
 
 def _trimmed(value: Any) -> Any:
-    """Return lists without what is missing at their ends."""
+    """Return lists without the missing elements at their ends."""
     if not isinstance(value, list):
         return value
     trimmed = [_trimmed(element) for element in value]

@@ -20,7 +20,7 @@ def of(path: Path) -> list[Path]:
 
 
 def topic_name(path: Path, *, is_ours: bool) -> str:
-    """Return what a file's name says of its topic; `formats.destination.name_of` spelt ours."""
+    """Return the topic that a file is named after; `formats.destination.name_of` made the names of our files."""
     return unquote(path.stem) if is_ours else path.stem
 
 

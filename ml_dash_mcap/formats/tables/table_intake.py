@@ -65,7 +65,7 @@ class TableFile(Protocol):
 
 
 class TableProgress:
-    """Tells the progress of some files."""
+    """Reports the progress of reading several files."""
 
     def __init__(self, progress: Progress | None, total: int) -> None:
         self._progress = progress
@@ -73,14 +73,14 @@ class TableProgress:
         self._done = 0
 
     def add(self, rows: int) -> None:
-        """So many more rows are done."""
+        """Count rows that are done."""
         self._done += rows
         self._total = max(self._total, self._done)
         if self._progress is not None:
             self._progress(self._done, self._total)
 
     def finish(self) -> None:
-        """All are done."""
+        """Report that all rows are done."""
         if self._progress is not None and self._done < self._total:
             self._progress(self._total, self._total)
 
@@ -113,7 +113,7 @@ def record(file: TableFile, name: str, recorder: Recorder, options: TableReadOpt
 
 
 class _Intake:
-    """What both kinds have in common: rows and their times."""
+    """What the tables of this library and of others have in common: rows, and which of them have a time."""
 
     def __init__(self, file: TableFile, options: TableReadOptions) -> None:
         self._file, self._options = file, options
@@ -142,7 +142,7 @@ class _Intake:
 
 
 class _Foreign(_Intake):
-    """A table of others: all its columns, its units, its times; nothing is merged, and null is None."""
+    """A table of another program: all columns become fields, null becomes None, and no rows merge."""
 
     def __init__(self, file: TableFile, name: str, recorder: Recorder, options: TableReadOptions) -> None:
         super().__init__(file, options)
@@ -158,7 +158,7 @@ class _Foreign(_Intake):
         at = file.schema.names.index(self._time.name)
         kept = [number for number in range(len(file.schema)) if number != at or not self._time.is_seconds]
         self._columns = dict(zip(_field_names([file.schema.names[number] for number in kept]), kept, strict=True))
-        metadata = _said_of_table(file, self._columns, self._time, units)
+        metadata = _metadata_of(file, self._columns, self._time, units)
         self._topic = open_topic(recorder, options.topic or name, MESSAGE, Topic, TopicAbout(metadata=metadata))
         self._json = {name for name, at in self._columns.items() if typed_columns.is_json(file.schema.field(at))}
 
@@ -180,7 +180,7 @@ class _Foreign(_Intake):
 
 
 class _Own(_Intake):
-    """A table that this library wrote: the rows that it was written from."""
+    """A table of this library: it becomes the rows that it was written from."""
 
     def __init__(self, file: TableFile, name: str, recorder: Recorder, options: TableReadOptions) -> None:
         super().__init__(file, options)
@@ -196,7 +196,7 @@ class _Own(_Intake):
 
 
 def _doubles(column: pa.Array) -> npt.NDArray[np.float64]:
-    """Return a column's numbers; NaN for what is none, such as a text that somebody put among the times."""
+    """Return a column's numbers; NaN for a value that is none, such as a text among the times."""
     try:
         return np.array(column.cast(pa.float64()).to_numpy(zero_copy_only=False), np.float64)
     except pa.ArrowException:
@@ -271,10 +271,10 @@ def _units(schema: pa.Schema) -> dict[str, str]:
     return units
 
 
-def _said_of_table(
+def _metadata_of(
     file: TableFile, columns: Mapping[str, int], time: table_times.TimeColumn, units: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return a topic's metadata: units, types that say more than values, what the file says, its column of times."""
+    """Return a topic's metadata: units, Arrow types that values do not show, the file's metadata, the time column."""
     about: dict[str, Any] = {"source": file.path.name, "time_column": time.name}
     if units:
         about["units"] = {name: unit for name, unit in units.items() if name != time.name or not time.is_seconds}

@@ -1,4 +1,4 @@
-"""Which column of a table is its time, and what it says in seconds."""
+"""The column of times of a table: which one it is, and its times in seconds."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def find(
 
 
 def seconds(path: Path, array: pa.Array, column: TimeColumn) -> Floats:
-    """Return times in s, each the double nearest to what the column says, [N]; NaN where it says nothing.
+    """Return times in s, each the double nearest to the column's value, [N]; NaN where it has none.
 
     Raises:
         ForeignFileError: Text is no time as ISO 8601 has it.
@@ -129,7 +129,7 @@ def is_likely(name: str) -> bool:
 
 
 def hint(time: float) -> str:
-    """Return what to do about a time that is none."""
+    """Return advice about a value that is no time stamp."""
     return f"pass {'start= to convert() to shift the times' if time < 0 else _LEAVE_OUT}"
 
 

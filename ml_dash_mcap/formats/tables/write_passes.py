@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class GrowingLayout(Protocol):
-    """What is known of the blocks so far."""
+    """A layout that is made of the blocks that were added to it."""
 
     def holds(self, block: Block) -> bool:
         """Whether a block can be written as it is laid out now."""

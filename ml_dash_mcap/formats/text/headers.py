@@ -52,7 +52,7 @@ class HeaderLines:
         return decoded(raw).lstrip("\ufeff").rstrip("\r\n") if self.line == 1 else decoded(raw).rstrip("\r\n")
 
     def first(self, what: str) -> str:
-        """Return the first line that says something.
+        """Return the first line that is not blank and no filler.
 
         Raises:
             ForeignFileError: As `next`.
@@ -112,7 +112,7 @@ def preview(file: BinaryIO, stop: int | None = None) -> tuple[list[str], list[st
 
 
 def refuse_numbers(path: Path, cells: Sequence[str], row: str, line: int) -> None:
-    """Raise ForeignFileError if a row that the header should have is one of the numbers behind it."""
+    """Raise ForeignFileError if a row of the header is missing, so that a row of numbers stands in its place."""
     if cells and number(cells[0]) is not None:
         raise ForeignFileError(path, f"the header has no {row}: there are numbers in its place", line, 1)
 
@@ -125,8 +125,8 @@ def unit_of_length(
     Args:
         path: The file.
         stated: What the file says.
-        asked: What the caller said; it counts first.
-        what: Says it, for the error message, such as "the unit".
+        asked: The option of the caller, which comes before the file's own word.
+        what: The file's word for it, for the error message, such as "the unit".
         line: Where the file says it.
         at: In which column.
 
@@ -172,6 +172,6 @@ def seconds_at(moment: tuple[int, int, int, int, int, int], fraction: str, timez
 
 
 def check_on_bad(on_bad: str) -> None:
-    """Raise OptionError unless something is a way to treat bad cells."""
+    """Raise OptionError unless a value is one of the two ways to treat bad cells."""
     if on_bad not in ("raise", "missing"):
         raise OptionError(f"on_bad={on_bad!r}: pass 'raise' or 'missing'")

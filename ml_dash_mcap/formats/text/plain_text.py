@@ -25,7 +25,7 @@ def first_line_of(data: bytes) -> str:
 
 
 def is_filler(line: str) -> bool:
-    """Whether a line before all others says nothing: blanks, separators, or what tells Excel the separator."""
+    """Whether a line before the header has no content: only blanks, separators, or the word that tells Excel which."""
     return not line.strip(' \t\r\n,;"') or _EXCEL.fullmatch(line.strip()) is not None
 
 

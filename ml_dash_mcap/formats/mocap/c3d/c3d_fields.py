@@ -49,7 +49,7 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> C3dFi
     fields = C3dFields(rotation_unit=_rotation_unit(head, unit))
     outputs = _outputs(head)
     about: dict[str, Any] = {
-        "c3d": {"first_frame": head.first, "rate": head.one(layout.POINT, layout.RATE) or head.rate}
+        "c3d": {"first_frame": head.first, "rate": head.first_number(layout.POINT, layout.RATE) or head.rate}
     }
     for at, label in enumerate(_labels(head, layout.POINT, head.points, "point")):
         columns = tuple(range(3 * at, 3 * at + 3))
@@ -58,17 +58,17 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> C3dFi
             placement = marker(label, columns, topic)
             fields.lengths += columns
             units = stated_units.converted([unit])
-            _say(fields, placement, "m", {**about, "length_units": "m", "quat_order": "xyzw", **units})
+            _note_unit(fields, placement, "m", {**about, "length_units": "m", "quat_order": "xyzw", **units})
         else:
             placement = Placement(OUTPUTS_TOPIC, (kind[0], label), (3,), columns)
-            _say(fields, placement, kind[1], about)
+            _note_unit(fields, placement, kind[1], about)
         fields.points.append(placement)
     for at, name in enumerate(_labels(head, layout.ROTATION, bodies, "body")):
         first = 4 * bodies + 3 * at
         placed = Placement(name, ("pos",), (3,), tuple(range(first, first + 3)))
         fields.bodies += [placed, Placement(name, ("quat",), (4,), tuple(range(4 * at, 4 * at + 4)))]
         more = stated_units.converted([fields.rotation_unit])
-        _say(fields, placed, "m", {**about, "length_units": "m", "quat_order": "xyzw", **more})
+        _note_unit(fields, placed, "m", {**about, "length_units": "m", "quat_order": "xyzw", **more})
     channels = _labels(head, layout.ANALOG, data.channels, "channel")
     stated = head.text(layout.ANALOG, layout.UNITS)
     stated += [""] * (len(channels) - len(stated))
@@ -76,7 +76,7 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> C3dFi
         placement = Placement(ANALOG_TOPIC, (name,), (), (at,))
         fields.channels.append(placement)
         fields.channel_shifts.append(stated_units.shift(own))
-        _say(
+        _note_unit(
             fields, placement, "m" if stated_units.is_length(own) else own, {**about, **stated_units.converted(stated)}
         )
     for metadata in fields.metadata.values():
@@ -85,7 +85,7 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> C3dFi
     return fields
 
 
-def _say(fields: C3dFields, placement: Placement, unit: str, about: dict[str, Any]) -> None:
+def _note_unit(fields: C3dFields, placement: Placement, unit: str, about: dict[str, Any]) -> None:
     metadata = fields.metadata.setdefault(placement.topic, {})
     metadata.update(about)
     if unit:

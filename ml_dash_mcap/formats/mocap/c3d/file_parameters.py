@@ -90,7 +90,7 @@ class Head:
             number += 1
             key = f"{name}{number}"
 
-    def one(self, group: str, name: str) -> float | None:
+    def first_number(self, group: str, name: str) -> float | None:
         """Return the first number of a parameter; None if it has none."""
         values = self.array(group, name)
         return float(values[0]) if len(values) else None

@@ -69,7 +69,7 @@ class Data:
         is_unsigned = head.text("ANALOG", "FORMAT")[:1] == ["UNSIGNED"]
         if is_unsigned and not self.is_real:
             values = values.astype(np.uint16)
-        scale = head.one("ANALOG", "GEN_SCALE")
+        scale = head.first_number("ANALOG", "GEN_SCALE")
         scales = _padded(head.array("ANALOG", "SCALE"), count, 1.0)
         offsets = _padded(head.array("ANALOG", "OFFSET"), count, 0.0)
         if is_unsigned:
@@ -129,8 +129,8 @@ def rotations(path: Path, head: Head, data: memoryview, count: int) -> tuple[Flo
     Raises:
         ForeignFileError: The file ends before them.
     """
-    bodies, at = int(head.one("ROTATION", "USED") or 0), _rotations_at(head)
-    ratio = max(int(head.one("ROTATION", "RATIO") or 1), 1)
+    bodies, at = int(head.first_number("ROTATION", "USED") or 0), _rotations_at(head)
+    ratio = max(int(head.first_number("ROTATION", "RATIO") or 1), 1)
     if bodies < 1 or at is None:
         return np.empty((0, 0, 4, 4)), ratio
     size = count * ratio * bodies * _ROTATION_VALUES * 4
@@ -154,13 +154,13 @@ def _frame_bytes(head: Head) -> int:
 
 def _rotations_at(head: Head) -> int | None:
     """Return where the rotations stand, in bytes; None if there are none."""
-    block = head.one("ROTATION", "DATA_START")
+    block = head.first_number("ROTATION", "DATA_START")
     return None if block is None or block == 0 else (int(block) % 65536 - 1) * BLOCK
 
 
 def _samples(head: Head) -> int:
     """Return how many samples of each channel a frame has."""
-    used = head.one("ANALOG", "USED")
+    used = head.first_number("ANALOG", "USED")
     if used and used > 0 and head.analogs % int(used) == 0:
         return max(head.analogs // int(used), 1)
     return max(head.samples, 1)
@@ -173,7 +173,7 @@ def _stated(head: Head) -> list[int]:
     if first is not None and last is not None:
         counts.append(last - first + 1)
     for name in ("LONG_FRAMES", "FRAMES"):
-        value = head.one("POINT", name)
+        value = head.first_number("POINT", name)
         if value is not None:
             counts.append(value + 65536 if value < 0 else value)
     counts.append(head.last - head.first + 1)

@@ -18,7 +18,7 @@ from ....recorder import Recorder
 from ...registry import Progress
 from ...text.headers import unit_of_length
 from ...text.number_cells import Floats
-from .. import placement
+from .. import placement, restored
 from ..placement import Note
 from ..take_options import C3dReadOptions
 from ..track_rows import Arrays
@@ -107,7 +107,7 @@ class _Take:
 
     def _append_bodies(self, fields: C3dFields, origin: float, hz: float) -> None:
         bodies = Arrays(self.path, self.recorder, fields.bodies, fields.metadata)
-        rate = self.head.one(layout.ROTATION, layout.RATE) or hz * self.ratio
+        rate = self.head.first_number(layout.ROTATION, layout.RATE) or hz * self.ratio
         places = self.matrices[:, :, :3, 3] / 10.0 ** DECIMALS[fields.rotation_unit]
         numbers = np.concatenate((_turns(self.matrices), places.reshape(len(places), -1)), axis=1)
         for first in range(0, len(numbers), _ROWS):
@@ -119,7 +119,7 @@ class _Take:
         origin = note.origin if self.start is None else self.start
         hz, bodies = self._rate(layout.POINT), self.matrices.shape[1]
         more = {"time_source": f"frame numbers at {hz!r} Hz"}
-        metadata = {topic: {**about, **more} for topic, about in note.metadata.items()}
+        metadata = restored.metadata(note, more)
         arrays = Arrays(self.path, self.recorder, note.placements, metadata, skip_empty=True)
         for first, frames in self._frames():
             stop = first + len(frames.points)
@@ -136,7 +136,7 @@ class _Take:
 
     def _rate(self, group: str) -> float:
         """Return a rate in Hz; that of points stands in the header too."""
-        stated = self.head.one(group, layout.RATE)
+        stated = self.head.first_number(group, layout.RATE)
         rate = stated if stated and stated > 0 else self.head.rate if group == layout.POINT else 0.0
         if not 0 < rate < 1e9:
             raise ForeignFileError(self.path, f"{group}:RATE is {stated}, which is no rate in Hz")
@@ -145,8 +145,8 @@ class _Take:
 
     def _analog_rate(self, hz: float) -> float:
         """Return the rate of analog channels: a whole number of samples a frame, unless there is no frame's rate."""
-        stated = self.head.one(layout.ANALOG, layout.RATE)
-        frames = hz or self.head.one(layout.POINT, layout.RATE) or self.head.rate
+        stated = self.head.first_number(layout.ANALOG, layout.RATE)
+        frames = hz or self.head.first_number(layout.POINT, layout.RATE) or self.head.rate
         from_frames = frames * self.data.samples
         if stated and stated > 0 and (self.data.samples > 1 or not from_frames > 0):
             return stated

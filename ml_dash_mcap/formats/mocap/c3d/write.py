@@ -18,7 +18,7 @@ from ...export_job import Job
 from .. import take_clock as rates
 from ..placement import Note, Placing, to_text
 from ..take import Floats, OutgoingTake, Thing
-from ..take_contents import found_in, nothing
+from ..take_contents import bodies_and_markers
 from ..take_options import C3dWriteOptions
 from . import layout
 
@@ -41,13 +41,8 @@ def export(job: Job, options: C3dWriteOptions) -> Path:
     """
     refuse_existing(job.dest)
     file = package().c3d()
-    objects = found_in(job, options.quat_order)
-    things: list[Thing] = [body for of_topic in objects.values() for body in of_topic.bodies]
-    things += [marker for of_topic in objects.values() for marker in of_topic.markers]
-    if not things:
-        raise ConversionError(nothing(job, any(of_topic.joints for of_topic in objects.values())))
-    if options.joints:
-        things += [joint for of_topic in objects.values() for joint in of_topic.joints]
+    points, joints = bodies_and_markers(job, options.quat_order)
+    things: list[Thing] = [*points, *(joints if options.joints else ())]
     clock = rates.find(job, [thing.topic for thing in things], options.rate)
     if clock.count > layout.MOST_FRAMES:
         raise ConversionError(

@@ -28,7 +28,7 @@ class HeaderColumn(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ColumnHeader:
-    """What the columns of a file are."""
+    """The columns of a file."""
 
     columns: list[HeaderColumn]
     time: int
@@ -98,7 +98,7 @@ def read_columns(path: Path, header: HeaderLines, dialect: Dialect) -> ColumnHea
 def _named(
     path: Path, rows: Sequence[list[str]], lines: Sequence[int], leading: int
 ) -> dict[str, tuple[list[str], int]]:
-    """Return the header's rows above the axes, with their lines, by what they say."""
+    """Return the rows of types, names, IDs and groups, with their lines."""
     labels: dict[str, tuple[list[str], int]] = {}
     plain: list[tuple[list[str], int]] = []
     for row, line in zip(rows, lines, strict=False):

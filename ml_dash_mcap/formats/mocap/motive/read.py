@@ -6,11 +6,11 @@ and IDs without labels, 1.23 labels them, 1.24 may have a column of time codes, 
 
 from __future__ import annotations
 
-import contextlib
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ....meaning.units import DECIMALS
 from ....recorder import Recorder
@@ -46,7 +46,7 @@ def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: 
         ForeignFileError: The file is not as Motive writes it; says the line and the column.
     """
     report = ReadingProgress(src, progress)
-    with opened(src) as file, contextlib.ExitStack() as files:
+    with opened(src) as file:
         header = HeaderLines(src, file)
         first = header.first("its first line")
         dialect = of_line(first.lstrip(' "').removeprefix(layout.FORMAT_VERSION).lstrip(' "')[:1], default=",")
@@ -56,10 +56,7 @@ def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: 
         note = placement.from_text(pairs.get(NOTE_KEY, ""), len(columns))
         unit = column_header.unit_of(src, pairs, options.length_units)
         lengths = {at for at, column in enumerate(columns) if column.group in layout.LENGTHS}
-        shifts = [-DECIMALS[unit] if at in lengths else 0 for at in range(len(columns))]
-        if note:
-            shifts = restored.shifts(note, DECIMALS[unit], len(columns), lengths)
-        shifts = [0] * leading + shifts
+        shifts = [0] * leading + restored.shifts(note, DECIMALS[unit], len(columns), lengths)
         cells = Cells(src, len(shifts), dialect, shifts, header_columns.time_codes, on_bad=options.on_bad)
         cells.learn([*itertools.chain(*preview(file))])
         line = header.line + 1
@@ -67,31 +64,40 @@ def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: 
         if origin is None:
             origin = start_times.read(src, pairs.get(layout.START_TIME, ""), layout.START_TIME, options.timezone) or 0.0
         clue = Clue(header_columns.time, 0, number(pairs.get(layout.EXPORT_RATE, "")))
-        when = row_times.find(clue, cells, file, line, origin)
-        first_s = row_times.first_stamp(clue, cells, file, when)
-        when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
+        when = row_times.settled(src, clue, cells, file, line, origin, is_asked=options.start is not None)
         placements, metadata = (note.placements, note.metadata) if note else motive_fields.foreign(columns, pairs, unit)
         metadata = {topic: {**about, **when.metadata} for topic, about in metadata.items()}
         parts = _restored(cells.read(file, line), note, leading, header_columns) if note else cells.read(file, line)
         beside = sto.beside(src, note.joints if note else None)
-        if note is None or beside is None:
+        if beside is None:
             tracks = TopicRows(src, recorder, placements, metadata, skip_empty=note is not None)
             for part in parts:
                 times = when.stamps(part.values[:, 0], part.values[:, header_columns.time])
-                column = header_columns.time + 1
-                tracks.append_from(cells, times, part.values[:, leading:], part, column)
+                tracks.append_from(cells, times, part.values[:, leading:], part, header_columns.time + 1)
                 report.add(len(part.values), part.at)
         else:
-            table = files.enter_context(sto.table(beside, on_bad=options.on_bad, start=options.start))
-            others, more = table.fields(sto_layout.TOPIC)
-            tracks = TopicRows(
-                src, recorder, [*placements, *_behind(others, len(columns))], {**more, **metadata}, skip_empty=True
-            )
-            numbers = _stamped(cells, parts, when, leading, report)
-            for times, values in joined_tables.joined(numbers, table.stamped(), (len(columns), len(table.names))):
-                tracks.append(times, values)
-            cells.bad += table.cells.bad
+            rows = _stamped(cells, parts, when, leading, report)
+            with sto.table(beside, on_bad=options.on_bad, start=options.start) as joints:
+                _append_joined(src, recorder, (placements, metadata), rows, joints, len(columns))
+                cells.bad += joints.cells.bad
     report.finish(cells.bad)
+
+
+def _append_joined(
+    path: Path,
+    recorder: Recorder,
+    fields: tuple[Sequence[Placement], Mapping[str, Mapping[str, Any]]],
+    rows: Iterator[tuple[Floats, Floats]],
+    joints: sto.Table,
+    width: int,
+) -> None:
+    """Append rows together with those of the file of joints beside them."""
+    placements, metadata = fields
+    others, more = joints.fields(sto_layout.TOPIC)
+    behind = [replace(other, columns=tuple(width + at for at in other.columns)) for other in others]
+    tracks = TopicRows(path, recorder, [*placements, *behind], {**more, **metadata}, skip_empty=True)
+    for times, values in joined_tables.joined(rows, joints.stamped(), (width, len(joints.names))):
+        tracks.append(times, values)
 
 
 def _restored(
@@ -113,8 +119,3 @@ def _stamped(
         times, keep = checked(cells, when.stamps(part.values[:, 0], part.values[:, 1]), part.lines, 2)
         report.add(len(part.values), part.at)
         yield times, part.values[:, leading:] if keep is None else part.values[keep, leading:]
-
-
-def _behind(placements: list[Placement], first: int) -> list[Placement]:
-    """Return placements of a table whose columns stand behind those of another."""
-    return [replace(placement, columns=tuple(first + at for at in placement.columns)) for placement in placements]

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import BinaryIO
 
 from .... import clock as clocks
-from ....errors import ConversionError
 from ....meaning.mocap_objects import Body, Marker
 from ....meaning.space import up_of
 from ....meaning.units import DECIMALS
@@ -28,8 +27,9 @@ from ..placement import NOTE_KEY, Note, Placing, to_text
 from ..sto import write as sto
 from ..table_text import TableText
 from ..take import OutgoingTake, Thing
-from ..take_contents import found_in, nothing
+from ..take_contents import bodies_and_markers
 from ..take_options import MocapWriteOptions
+from ..wide import write as wide
 from . import layout
 
 
@@ -46,22 +46,22 @@ class _Column:
     is_length: bool
 
 
-def write(job: Job, options: MocapWriteOptions) -> Path:
-    """Write one file of a job's bodies and markers, and perhaps one beside it of its joints.
+def export(job: Job, options: MocapWriteOptions) -> Path:
+    """Write one file of a job's bodies and markers, and perhaps one beside it of its joints; or one wide table.
+
+    Args:
+        job: What to export; its destination is the file.
+        options: How to write it.
 
     Raises:
         DestinationExistsError: Something is at the destination, or where the joints go.
         ConversionError: There is nothing to write, or no clock to write it on, or something is no rotation.
     """
+    if options.layout == "wide":
+        return wide.write(job, options)
     refuse_existing(job.dest)
-    objects = found_in(job, options.quat_order)
-    things: list[Thing] = [body for of_topic in objects.values() for body in of_topic.bodies]
-    things += [marker for of_topic in objects.values() for marker in of_topic.markers]
-    joints = [joint for of_topic in objects.values() for joint in of_topic.joints]
-    if not things:
-        raise ConversionError(nothing(job, bool(joints)))
-    if options.joints == "columns":
-        things += joints
+    points, joints = bodies_and_markers(job, options.quat_order)
+    things: list[Thing] = [*points, *(joints if options.joints == "columns" else ())]
     has_beside = options.joints == "sto" and bool(joints)
     beside = job.dest.with_name(f"{job.dest.stem}.joints.sto")
     with_origin = [thing.topic for thing in (*things, *(joints if has_beside else ()))]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -22,7 +23,7 @@ from ...text.headers import HeaderLines, preview, without_empty_end
 from ...text.number_cells import Cells, Floats, NumberPart
 from ...text.plain_text import is_filler, opened
 from .. import placement, restored, row_times, start_times
-from ..placement import Placement
+from ..placement import Note, Placement
 from ..point_fields import about_points, marker
 from ..row_times import Clue, Timing
 from ..take_options import QtmReadOptions
@@ -57,14 +58,10 @@ def record(src: Path, recorder: Recorder, options: QtmReadOptions, progress: Pro
         names = _names(keys[layout.BODIES if has_bodies else layout.MARKERS], "body" if has_bodies else "marker")
         per_name = _columns_of_body(file, dialect, 2 * has_times, len(names)) if has_bodies else 3
         count = per_name * len(names)
-        note = placement.from_text(_one(keys, layout.NOTE), count)
-        is_length = [at % per_name < 3 or (has_bodies and at % per_name == 6) for at in range(count)]
-        shifts = [-DECIMALS[layout.UNIT] if is_in_mm else 0 for is_in_mm in is_length]
-        groups = [tuple(range(at, at + 3)) for at in range(0, count, per_name)]
-        origin = options.start
-        if note and not has_bodies:
-            shifts = restored.shifts(note, DECIMALS[layout.UNIT], count, range(count))
-            origin = note.origin if options.start is None else options.start
+        note = None if has_bodies else placement.from_text(_first_cell(keys, layout.NOTE), count)
+        lengths = {at for at in range(count) if at % per_name < 3 or (has_bodies and at % per_name == 6)}
+        shifts = restored.shifts(note, DECIMALS[layout.UNIT], count, lengths)
+        origin = options.start if options.start is not None else note.origin if note else None
         if origin is None:
             origin = start_times.read(src, " ".join(keys.get(layout.START, [])), layout.START, options.timezone) or 0.0
         leading = len(layout.COLUMNS) if has_times else 0
@@ -77,17 +74,8 @@ def record(src: Path, recorder: Recorder, options: QtmReadOptions, progress: Pro
         when = Timing(origin, rate, source=f"rows at {rate!r} Hz")
         if has_times:
             clue = Clue(1, 0, rate, (1.0, 0.0))
-            when = row_times.find(clue, cells, file, line, origin)
-            first_s = row_times.first_stamp(clue, cells, file, when)
-            when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
-        if note and not has_bodies:
-            metadata = {name: {**about, **when.metadata} for name, about in note.metadata.items()}
-            tracks = TopicRows(src, recorder, note.placements, metadata, skip_empty=True)
-        else:
-            placements = [
-                placement for at, name in enumerate(names) for placement in _placed(name, at, options.topic, has_bodies)
-            ]
-            tracks = TopicRows(src, recorder, placements, _about(placements, has_bodies, keys, when))
+            when = row_times.settled(src, clue, cells, file, line, origin, is_asked=options.start is not None)
+        tracks = _rows_of(src, recorder, note, _fields(names, options.topic, has_bodies), when, keys)
         row, most = 0, _frame_count(keys)
         for part in cells.read(file, line):
             if not has_times:
@@ -95,14 +83,23 @@ def record(src: Path, recorder: Recorder, options: QtmReadOptions, progress: Pro
             numbers = part.values[:, leading:]
             if has_bodies:
                 numbers = _bodies(numbers, per_name)
-            if note and not has_bodies:
-                restored.turn_back(numbers, note, groups, ())
+            if note:
+                restored.turn_back(numbers, note, [(at, at + 1, at + 2) for at in range(0, count, 3)], ())
             frames = part.values[:, 0] if has_times else np.arange(row, row + len(numbers), dtype=np.float64)
             times = when.stamps(frames, part.values[:, 1] if has_times else frames)
             tracks.append_from(cells, times, numbers, part, 2 if has_times else None)
             report.add(len(numbers), part.at)
             row += len(numbers)
     report.finish(cells.bad)
+
+
+def _rows_of(
+    path: Path, recorder: Recorder, note: Note | None, fields: list[Placement], when: Timing, keys: dict[str, list[str]]
+) -> TopicRows:
+    """Return the topics that the file's rows go to: those of its note, or else its own fields."""
+    if note is not None:
+        return TopicRows(path, recorder, note.placements, restored.metadata(note, when.metadata), skip_empty=True)
+    return TopicRows(path, recorder, fields, _about(fields, layout.BODIES in keys, keys, when))
 
 
 def _dialect(path: Path) -> Dialect:
@@ -132,12 +129,14 @@ def _keys(path: Path, header: HeaderLines, dialect: Dialect) -> tuple[dict[str, 
             more = without_empty_end(cells[1:])
             keys[cells[0]] = [*keys.get(cells[0], []), *more] if cells[0] == "EVENT" else keys.get(cells[0], more)
     if layout.MARKERS not in keys and layout.BODIES not in keys:
-        what = "2D data" if _one(keys, layout.INCLUDED) == "2D" else f"neither {layout.MARKERS} nor {layout.BODIES}"
+        what = (
+            "2D data" if _first_cell(keys, layout.INCLUDED) == "2D" else f"neither {layout.MARKERS} nor {layout.BODIES}"
+        )
         raise ForeignFileError(path, f"the header has {what}; export 3D or 6D data with the TSV header", header.line)
     return keys, cells[0] == layout.COLUMNS[0]
 
 
-def _one(keys: dict[str, list[str]], key: str) -> str:
+def _first_cell(keys: dict[str, list[str]], key: str) -> str:
     return next(iter(keys.get(key, [])), "")
 
 
@@ -146,15 +145,15 @@ def _names(cells: list[str], word: str) -> list[str]:
 
 
 def _rate(path: Path, keys: dict[str, list[str]], has_times: bool) -> float:
-    rate = number(_one(keys, layout.FREQUENCY)) or 0.0
+    rate = number(_first_cell(keys, layout.FREQUENCY)) or 0.0
     if rate <= 0 and not has_times:
-        stated = _one(keys, layout.FREQUENCY) or "missing"
+        stated = _first_cell(keys, layout.FREQUENCY) or "missing"
         raise ForeignFileError(path, f"FREQUENCY is {stated!r}, and there are no times", 1)
     return rate
 
 
 def _frame_count(keys: dict[str, list[str]]) -> int | None:
-    count = number(_one(keys, layout.FRAMES))
+    count = number(_first_cell(keys, layout.FRAMES))
     return None if count is None else int(count)
 
 
@@ -178,10 +177,14 @@ def _about(
     return {topic: {**metadata, "quat_order": "xyzw", "units": units} for topic, metadata in about.items()}
 
 
-def _placed(name: str, at: int, topic: str, has_bodies: bool) -> list[Placement]:
+def _fields(names: Sequence[str], topic: str, has_bodies: bool) -> list[Placement]:
+    """Return where the numbers of markers, or of bodies, go."""
     if not has_bodies:
-        return [marker(name, tuple(range(3 * at, 3 * at + 3)), topic)]
-    first = _OUT_COLUMNS * at
+        return [marker(name, (3 * at, 3 * at + 1, 3 * at + 2), topic) for at, name in enumerate(names)]
+    return [field for at, name in enumerate(names) for field in _body(name, _OUT_COLUMNS * at)]
+
+
+def _body(name: str, first: int) -> list[Placement]:
     return [
         Placement(name, ("pos",), (3,), tuple(range(first, first + 3))),
         Placement(name, ("quat",), (4,), tuple(range(first + 3, first + 7))),

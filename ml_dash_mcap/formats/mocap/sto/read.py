@@ -157,9 +157,8 @@ def table(src: Path, *, on_bad: str, start: float | None) -> Iterator[Table]:
         opened_table = Table(src, file, keys, distinct(names[1:]), cells, line, note)
         origin = start if start is not None else note.origin if note else 0.0
         clue = Clue(0, None, number(keys.get("datarate", "")))
-        when = row_times.find(clue, cells, file, line, origin)
-        first_s = row_times.first_stamp(clue, cells, file, when)
-        opened_table.when = row_times.not_below_zero(src, when, [first_s], is_asked=start is not None)
+        is_asked = start is not None
+        opened_table.when = row_times.settled(src, clue, cells, file, line, origin, is_asked=is_asked)
         yield opened_table
 
 

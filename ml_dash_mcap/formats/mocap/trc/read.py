@@ -53,19 +53,15 @@ def record(src: Path, recorder: Recorder, options: TrcReadOptions, progress: Pro
         count = 3 * len(names)
         note = placement.from_text(about[about.index(NOTE_KEY) + 1], count) if NOTE_KEY in about[:-1] else None
         groups = [tuple(range(at, at + 3)) for at in range(0, count, 3)]
-        shifts, origin = [-DECIMALS[unit]] * count, options.start or 0.0
-        if note:
-            shifts = restored.shifts(note, DECIMALS[unit], count, range(count))
-            origin = note.origin if options.start is None else options.start
+        shifts = restored.shifts(note, DECIMALS[unit], count, set(range(count)))
+        origin = options.start if options.start is not None else note.origin if note else 0.0
         cells = Cells(src, count + LEADING, dialect, [0, 0, *shifts], allow_short=True, on_bad=options.on_bad)
         cells.learn([*itertools.chain(*preview(file))])
         line = header.line + 1
         clue = Clue(1, 0, number(values_by_key.get(layout.RATE.lower(), "")), _starts(values_by_key))
-        when = row_times.find(clue, cells, file, line, origin)
-        first_s = row_times.first_stamp(clue, cells, file, when)
-        when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
+        when = row_times.settled(src, clue, cells, file, line, origin, is_asked=options.start is not None)
         if note:
-            metadata = {name: {**about_topic, **when.metadata} for name, about_topic in note.metadata.items()}
+            metadata = restored.metadata(note, when.metadata)
             tracks = TopicRows(src, recorder, note.placements, metadata, skip_empty=True)
         else:
             placements = [marker(name, at, options.topic) for name, at in zip(names, groups, strict=True)]

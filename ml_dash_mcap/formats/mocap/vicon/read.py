@@ -164,7 +164,7 @@ def _connected(tables: Sequence[_Table]) -> list[list[_Table]]:
 
 
 def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table], report: ReadingProgress) -> None:
-    """Append some sections together: what they say of one frame is one row."""
+    """Append several sections together: their numbers of one frame are one row."""
     placements: list[Placement] = []
     present: list[tuple[int]] = []
     metadata: dict[str, dict[str, Any]] = {}
@@ -192,7 +192,7 @@ def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table]
 
 
 def _marked(path: Path, table: _Table, report: ReadingProgress) -> Iterator[tuple[Floats, Floats]]:
-    """Yield a section's rows with a column of ones behind them; the file is opened anew, for others read it too."""
+    """Yield a section's rows with a column of ones behind them; the file is opened once for each section."""
     with opened(path) as file:
         for times, values in table.rows(file, report):
             yield times, np.concatenate((values, np.ones((len(values), 1))), axis=1)
@@ -220,7 +220,7 @@ def _append_events(
 
 
 def _part(note: Note, first: int, count: int) -> Note:
-    """Return what a note says of one section's columns."""
+    """Return the part of a note that is about one section's columns."""
     mine = [placement for placement in note.placements if all(first <= at < first + count for at in placement.columns)]
     moved = tuple(
         Placement(placement.topic, placement.path, placement.shape, tuple(at - first for at in placement.columns))

@@ -85,18 +85,9 @@ def _section(path: Path, header: HeaderLines, file: BinaryIO, title: str) -> Sec
         raise ForeignFileError(path, f"{title[:40]!r} is not the name of a section; {sections} are known", title_line)
     if rate is None or not 0 < rate < 1e9:
         raise ForeignFileError(path, f"{title_of(text)[:40]!r} is not a rate in Hz", header.line, 1)
-    names_text = ""
-    axes_text = _line(header, "the row of names")
-    names_line = header.line
-    if not title_of(axes_text).lower().startswith("frame"):
-        names_text, axes_text = axes_text, _line(header, "the row of axes")
+    names_text, names_line, axes_text = _names_and_axes(header)
     dialect = of_line(axes_text, default=",")
-    axes = without_empty_end(dialect.split(axes_text))
-    if len(axes) < layout.LEADING or [axis.lower().replace(" ", "") for axis in axes[:2]] != _FIRST_COLUMNS:
-        raise ForeignFileError(
-            path, f"the row of axes does not begin with {' and '.join(layout.COLUMNS)}", header.line, 1
-        )
-    names = without_empty_end(dialect.split(names_text))
+    axes, names = _axes(path, header, dialect, axes_text), without_empty_end(dialect.split(names_text))
     count = len(axes)
     if len(names) > count:
         raise ForeignFileError(path, f"there are names for {len(names)} columns, but axes for {count}", names_line)
@@ -120,6 +111,24 @@ def _section(path: Path, header: HeaderLines, file: BinaryIO, title: str) -> Sec
         start,
         header.at(),
     )
+
+
+def _names_and_axes(header: HeaderLines) -> tuple[str, int, str]:
+    """Read the rows of names and axes; returns the names, which may be missing, with their line, and the axes."""
+    names, axes = "", _line(header, "the row of names")
+    line = header.line
+    if not title_of(axes).lower().startswith(layout.COLUMNS[0].lower()):
+        names, axes = axes, _line(header, "the row of axes")
+    return names, line, axes
+
+
+def _axes(path: Path, header: HeaderLines, dialect: Dialect, text: str) -> list[str]:
+    """Return the axes of all columns."""
+    axes = without_empty_end(dialect.split(text))
+    if [axis.lower().replace(" ", "") for axis in axes[: layout.LEADING]] != _FIRST_COLUMNS:
+        what = f"the row of axes does not begin with {' and '.join(layout.COLUMNS)}"
+        raise ForeignFileError(path, what, header.line, 1)
+    return axes
 
 
 def _line(header: HeaderLines, what: str) -> str:

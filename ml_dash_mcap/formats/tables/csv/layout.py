@@ -62,7 +62,7 @@ class CsvLayout:
         return widened
 
     def _kept(self) -> dict[str, Lengths | None]:
-        """Return the lengths of the fields without dicts that were None here and there, whose keys are there."""
+        """Return the lengths of the fields; one that was None here and a dict there has those of its keys."""
         parents = {name[:at] for name in self._shapes for at, letter in enumerate(name) if letter == "."}
         lengths = _lengths(self._shapes)
         return {name: lengths[name] for name in lengths if lengths[name] is not None or name not in parents}

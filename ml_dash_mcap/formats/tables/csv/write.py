@@ -34,7 +34,7 @@ def export(job: Job, options: NoOptions) -> Path:
 
 
 def stream(part: TopicPart, info: TopicInfo, out: BinaryIO) -> None:
-    """Write the CSV of one topic to what cannot be written twice; the rows are read twice instead."""
+    """Write one topic to an open file, which may be a pipe: the rows are read twice, for the header first."""
     layout = CsvLayout(info, part.columns)
     for block in part.blocks():
         layout.add(block)

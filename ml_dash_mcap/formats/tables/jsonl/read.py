@@ -116,7 +116,7 @@ class _LinesFile:
                     yield number, text
 
     def _row(self, line: int, text: bytes) -> dict[str, Any] | None:
-        """Return what a line says; None if it says nothing, and that is allowed."""
+        """Return the row of a line; None for a line that is no JSON object, where such lines are left out."""
         try:
             row = _loads(text)
             what = f"the line is {text[:40].decode('utf-8', 'replace')!r}, which is no JSON object"
@@ -208,7 +208,7 @@ def _loads(text: bytes) -> Any:
 
 
 def _schema(sample: list[dict[str, Any]]) -> pa.Schema:
-    """Return the types of what may be a time; of all other keys, null."""
+    """Return a schema with the types of the keys that may be the time; all others are null."""
     kinds: dict[str, set[type]] = {}
     for row in sample:
         for name, value in row.items():

@@ -1,4 +1,4 @@
-"""How a topic's columns lie in a Parquet file: which types, which structs, what is said about each."""
+"""How a topic's columns lie in a Parquet file: their types, their structs, and the metadata of each."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Make = Callable[[pa.Array], pa.Array]
 
 
 class ParquetLayout:
-    """A topic's columns, learnt block by block; by it, blocks become tables of one schema."""
+    """The columns of a topic, which widen block by block. By them, blocks become tables of one schema."""
 
     def __init__(self, info: TopicInfo, columns: Sequence[str] | None = None, *, flat: bool) -> None:
         """Begin with what the topic's schema says.
@@ -85,7 +85,7 @@ class ParquetLayout:
         return widened
 
     def _kept(self) -> dict[str, Shape]:
-        """Return the columns without those of dicts that were None here and there."""
+        """Return the columns; a field that was None in some rows and a dict in others has those of its keys."""
         parents = {name[:at] for name in self._shapes for at, letter in enumerate(name) if letter == "."}
         return {name: values for name, values in self._shapes.items() if values.value_kinds or name not in parents}
 
@@ -106,7 +106,7 @@ class ParquetLayout:
         return pa.schema([*times, *nested_columns.fields(tree, lambda name: columns[name][1])]), tree, columns
 
     def _columns(self, name: str, values: Shape) -> Iterator[tuple[str, pa.Field, Make]]:
-        """Yield the columns that one becomes: its own name, their fields, and what makes them of its values."""
+        """Yield the columns of a field: its name, the Arrow field, and what makes the column of its values."""
         about = {ENCODING_KEY: b"json"} if type_of(values) is None else {}
         unit = self._units.get(name)
         if unit is not None:

@@ -159,6 +159,6 @@ def _about(files: Sequence[File], info: TopicInfo, *, is_flat: bool) -> TableAbo
 
 
 def _source(file: File) -> dict[str, str]:
-    """Return what a file says about who recorded it; a foreign one says nothing."""
+    """Return who recorded a file; nothing for a file of another program."""
     about = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
     return {key: about[key] for key in ("prefix", "run", "host", "library") if key in about}
