@@ -17,9 +17,10 @@ from .chunk_table import NUMBERS, Alike, ChunkTable
 from .record_layout import PREFIX_BYTES, Fields, read_prefix, record_at
 from .records import Chunk, Opcode
 
-_BEHIND = PREFIX_BYTES + 4 * 8
-"""Where the map of message indexes starts in the record, in bytes."""
-_LEAST_BYTES = _BEHIND + 4 + 8 + 4 + 8 + 8
+_MAP = "message_index_offsets"
+_SHORTEST = records.CHUNK_INDEX.dtype(message_index_offsets=0, compression=0)
+_MAP_BYTES_AT = _SHORTEST.fields[f"{_MAP}_bytes"][1] if _SHORTEST.fields else 0
+"""Where in the record the length of the map of message indexes stands, in bytes."""
 _PAIR_BYTES = 2 + 8
 _WORTH_IT = 8
 """So many are worth to be read at once."""
@@ -39,7 +40,7 @@ class ChunkIndexes:
         self._runs: list[tuple[memoryview, int, array[int], array[int]]] = []
 
     def split(self, data: memoryview, start: int) -> Iterator[Record]:
-        """Walk a summary's records like `records.split`, but keep the chunk indexes.
+        """Walk a summary's records like `split_records`, but keep the chunk indexes.
 
         Args:
             data: The records.
@@ -110,13 +111,10 @@ class ChunkIndexes:
                 left[rows] = False
                 for name in NUMBERS.names or ():
                     into[name][rows] = run[name]
-                alike.append(Alike(first + rows, compression, run["map"]["channel"], run["map"]["offset"]))
+                alike.append(Alike(first + rows, compression, run[_MAP]["key"], run[_MAP]["value"]))
             for row in np.flatnonzero(left).tolist():
                 chunk = self._chunk_at(data, start, places[row], data_end)
-                into[row] = (
-                    *(chunk.start_ns, chunk.end_ns, chunk.offset, chunk.length),
-                    *(chunk.message_index_length, chunk.compressed_size, chunk.uncompressed_size),
-                )
+                into[row] = tuple(getattr(chunk, name) for name in NUMBERS.names or ())
                 others.append((first + row, chunk))
             first += len(ats)
         return ChunkTable(np.concatenate(numbers) if numbers else np.zeros(0, NUMBERS), alike, others)
@@ -152,16 +150,16 @@ def _alike(
     data: memoryview, ats: npt.NDArray[np.int64], sizes: npt.NDArray[np.int64]
 ) -> Iterator[tuple[npt.NDArray[np.intp], np.dtype[np.void]]]:
     """Yield which records have one form, where enough have, and that form."""
-    long_enough = np.flatnonzero(sizes >= _LEAST_BYTES)
+    long_enough = np.flatnonzero(sizes >= _SHORTEST.itemsize)
     if len(long_enough) < _WORTH_IT:
         return
-    map_bytes = _strided(data, np.dtype("<u4"))[ats[long_enough] + _BEHIND].astype(np.int64)
+    map_bytes = _strided(data, np.dtype("<u4"))[ats[long_enough] + _MAP_BYTES_AT].astype(np.int64)
     forms, which, counts = np.unique(sizes[long_enough] << 32 | map_bytes, return_inverse=True, return_counts=True)
     by_form = np.split(np.argsort(which, kind="stable"), np.cumsum(counts)[:-1])
     for form, rows in zip(forms.tolist(), by_form, strict=True):
         size, maps = form >> 32, form & 0xFFFF_FFFF
         channels, rest = divmod(maps, _PAIR_BYTES)
-        letters = size - _LEAST_BYTES - maps
+        letters = size - _SHORTEST.itemsize - maps
         if len(rows) >= _WORTH_IT and not rest and letters >= 0:
             yield long_enough[rows], _form(channels, letters)
 
@@ -176,18 +174,7 @@ def _repeats(data: memoryview, at: int, size: int, most: int) -> int:
 
 @functools.lru_cache(maxsize=64)
 def _form(channels: int, letters: int) -> np.dtype[np.void]:
-    return np.dtype(
-        [
-            ("prefix", np.uint8, (PREFIX_BYTES,)),
-            *((name, "<u8") for name in ("start_ns", "end_ns", "offset", "length")),
-            ("map_bytes", "<u4"),
-            ("map", np.dtype([("channel", "<u2"), ("offset", "<u8")]), (channels,)),
-            ("index_bytes", "<u8"),
-            ("letters", "<u4"),
-            ("compression", np.uint8, (letters,)),
-            *((name, "<u8") for name in ("packed", "unpacked")),
-        ]
-    )
+    return records.CHUNK_INDEX.dtype(message_index_offsets=channels, compression=letters)
 
 
 def _read(data: memoryview, form: np.dtype[np.void], ats: npt.NDArray[np.int64]) -> npt.NDArray[np.void]:
@@ -206,11 +193,9 @@ def _strided(data: memoryview, form: np.dtype[Any]) -> npt.NDArray[Any]:
 def _is_sound(run: npt.NDArray[np.void], data_end: int) -> npt.NDArray[np.bool_]:
     """Tell which pass `check` and are spelt as their form; each number is compared first, so that no sum overflows."""
     offset, length = run["offset"], run["length"]
-    behind_chunk, indexes = run["index_bytes"], run["map"]["offset"]
-    letters = run["compression"].shape[1]
-    sound: npt.NDArray[np.bool_] = (run["letters"] == letters) & (run["compression"] == run["compression"][0]).all(
-        axis=1
-    )
+    behind_chunk, indexes = run["message_index_length"], run[_MAP]["value"]
+    names = run["compression"]
+    sound: npt.NDArray[np.bool_] = (names == names[0]).all(axis=1) & (run["compression_bytes"] == names.shape[1])
     sound &= (offset >= len(records.MAGIC)) & (offset <= data_end)
     sound &= (length <= data_end) & (behind_chunk <= data_end) & (indexes <= data_end).all(axis=1)
     ends = offset + length

@@ -15,10 +15,13 @@ from .message_records import ENTRY_BYTES, MESSAGE_INDEX_HEAD
 from .record_layout import PREFIX_BYTES
 from .records import Chunk
 
-NUMBERS = np.dtype(
-    [(name, np.uint64) for name in ("start_ns", "end_ns", "offset", "length", "index_bytes", "packed", "unpacked")]
+_NAMES = (
+    *("start_ns", "end_ns", "offset", "length"),
+    *("message_index_length", "compressed_size", "uncompressed_size"),
 )
-"""What is known of each chunk besides its message indexes; times in ns, the rest in bytes."""
+
+NUMBERS = np.dtype([(name, np.uint64) for name in _NAMES])
+"""The numbers of a `Chunk`, by the names that they have there; times in ns, the rest in bytes."""
 
 _INDEX_BYTES = PREFIX_BYTES + MESSAGE_INDEX_HEAD.size
 """A message index without entries."""
@@ -119,11 +122,11 @@ class ChunkTable(Sequence[Chunk]):
         """Add how many messages each channel has to `total`; returns whether all chunks tell, as `counts` does."""
         for group in self._alike:
             if not group.ids.shape[1]:
-                if self.numbers["unpacked"][group.rows].any():
+                if self.numbers["uncompressed_size"][group.rows].any():
                     return False
                 continue
             numbers = self.numbers[group.rows]
-            ends = (numbers["offset"] + numbers["length"] + numbers["index_bytes"]).astype(np.int64)
+            ends = (numbers["offset"] + numbers["length"] + numbers["message_index_length"]).astype(np.int64)
             starts = group.offsets.astype(np.int64)
             order = np.argsort(starts, axis=1)
             edges = np.concatenate([np.take_along_axis(starts, order, 1), ends[:, None]], axis=1)
@@ -157,18 +160,11 @@ class ChunkTable(Sequence[Chunk]):
         return held
 
     def _made(self, place: int) -> Chunk:
-        start_ns, end_ns, offset, length, index_bytes, packed, unpacked = self.numbers[place].item()
         group, row = self._alike[self._group[place]], self._row[place]
         return Chunk(
-            offset=offset,
-            length=length,
-            start_ns=start_ns,
-            end_ns=end_ns,
+            **dict(zip(_NAMES, self.numbers[place].item(), strict=True)),
             compression=group.compression,
-            compressed_size=packed,
-            uncompressed_size=unpacked,
             message_index_offsets=dict(zip(group.ids[row].tolist(), group.offsets[row].tolist(), strict=True)),
-            message_index_length=index_bytes,
             indexed=group.ids.shape[1] > 0,
         )
 
@@ -240,7 +236,7 @@ def places(chunks: Sequence[Chunk]) -> tuple[npt.NDArray[np.uint64], npt.NDArray
     """Return where chunks start, and where their message indexes end, [N] each, bytes."""
     if isinstance(chunks, ChunkTable):
         start = chunks.numbers["offset"]
-        return start, start + chunks.numbers["length"] + chunks.numbers["index_bytes"]
+        return start, start + chunks.numbers["length"] + chunks.numbers["message_index_length"]
     ends = [chunk.indexes_end for chunk in chunks]
     return np.array([chunk.offset for chunk in chunks], np.uint64), np.array(ends, np.uint64)
 
@@ -248,7 +244,7 @@ def places(chunks: Sequence[Chunk]) -> tuple[npt.NDArray[np.uint64], npt.NDArray
 def unpacked_bytes(chunks: Sequence[Chunk], at_most: int) -> int:
     """Return how many bytes all chunks have unpacked, no more than `at_most` of each."""
     if isinstance(chunks, ChunkTable):
-        return int(np.minimum(chunks.numbers["unpacked"], np.uint64(at_most)).sum())
+        return int(np.minimum(chunks.numbers["uncompressed_size"], np.uint64(at_most)).sum())
     return sum(min(chunk.uncompressed_size, at_most) for chunk in chunks)
 
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, Generic, NoReturn, TypeVar
 
+import numpy as np
+
 from ..errors import DamagedFileError
 
 Bytes = bytes | memoryview
@@ -21,9 +23,8 @@ PREFIX_BYTES = 9
 
 _PREFIX = struct.Struct("<BQ")
 _U32 = struct.Struct("<I")
-_TEXT_PAIR_BYTES = 8
-"""The lengths of the two texts of a pair."""
 _NUMBER_PAIR = struct.Struct("<HQ")
+_NUMBER_PAIR_TYPE = np.dtype([("key", "<u2"), ("value", "<u8")])
 
 Record = TypeVar("Record")
 
@@ -175,7 +176,7 @@ class RecordLayout(Generic[Record]):
         """
         self.opcode = opcode
         self._record = record
-        self._names = tuple(fields)
+        self._fields = fields
         self._steps: list[tuple[struct.Struct | None, tuple[FieldKind, ...]]] = []
         """Numbers that follow each other are read and written at once: half of the time of a chunk index."""
         for is_number, run in groupby(fields.values(), lambda kind: bool(kind.number)):
@@ -201,11 +202,27 @@ class RecordLayout(Generic[Record]):
                 values += fields.numbers(numbers)
             else:
                 values.append(kinds[0].read(fields))
-        return self._record(**dict(zip(self._names, values, strict=True)), **others)
+        return self._record(**dict(zip(self._fields, values, strict=True)), **others)
+
+    def dtype(self, **counts: int) -> np.dtype[np.void]:
+        """Return the type of whole records whose maps and texts have some sizes, for reading many at once.
+
+        Args:
+            counts: By field, the number of pairs of a map, or of bytes of a text. What precedes these, the length in
+                bytes, is the field `<name>_bytes`.
+        """
+        fields: list[Any] = [("prefix", np.uint8, (PREFIX_BYTES,))]
+        for name, kind in self._fields.items():
+            if kind.number:
+                fields.append((name, f"<{kind.number}"))
+            else:
+                element = _NUMBER_PAIR_TYPE if kind is NUMBER_MAP else np.dtype(np.uint8)
+                fields += [(f"{name}_bytes", "<u4"), (name, element, (counts[name],))]
+        return np.dtype(fields)
 
     def content(self, record: Record) -> bytes:
         """Return a record without its prefix."""
-        values = iter([getattr(record, name) for name in self._names])
+        values = iter([getattr(record, name) for name in self._fields])
         parts = []
         for numbers, kinds in self._steps:
             if numbers is not None:
