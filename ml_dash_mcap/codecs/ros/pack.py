@@ -49,7 +49,7 @@ _LARGE_BYTES = 256
 """Longer values, such as images, are copied one by one, for which no index of every byte is needed."""
 
 
-class _Piece(NamedTuple):
+class _PackedValues(NamedTuple):
     rows: Indices | None
     """Of which messages; None for all."""
     place: Places
@@ -90,7 +90,7 @@ class _Packer:
         self.origin = place if isinstance(place, int) else 0
         """Where alignment counts from."""
         self.is_ros1 = is_ros1
-        self.pieces: list[_Piece] = []
+        self.pieces: list[_PackedValues] = []
 
     def put(self, type_: Type, column: Column) -> None:
         if isinstance(column, Constant) and isinstance(self.place, int) and self.count > 1:
@@ -122,7 +122,7 @@ class _Packer:
         one.put(type_, column)
         assert isinstance(one.place, int)
         for _, place, data in one.pieces:
-            self.pieces.append(_Piece(self.rows, place, data if isinstance(data, bytes) else data.tobytes()))
+            self.pieces.append(_PackedValues(self.rows, place, data if isinstance(data, bytes) else data.tobytes()))
         self.place = one.place
 
     def _array(self, type_: Array, column: Column) -> None:
@@ -195,7 +195,7 @@ class _Packer:
     def _ragged(self, column: Ragged) -> None:
         length = _one(column.lengths)
         if length is None:
-            self.pieces.append(_Piece(self.rows, self.place, column))
+            self.pieces.append(_PackedValues(self.rows, self.place, column))
             self.place = self.place + column.lengths
         elif length:
             if self.count and _one(column.starts) is not None:
@@ -204,7 +204,7 @@ class _Packer:
                 self._add(_block(column, length), length)
 
     def _add(self, data: Any, size: int) -> None:
-        self.pieces.append(_Piece(self.rows, self.place, data))
+        self.pieces.append(_PackedValues(self.rows, self.place, data))
         self.place = self.place + size
 
     def _aligned(self, size: int) -> Places:
@@ -232,7 +232,7 @@ def _block(column: Ragged, length: int) -> Bytes:
     return gathered
 
 
-def _matrix(pieces: list[_Piece], count: int, size: int, room: int) -> Packed:
+def _matrix(pieces: list[_PackedValues], count: int, size: int, room: int) -> Packed:
     """Write messages of one size."""
     template = bytearray(size)
     for _, place, data in pieces:
@@ -247,7 +247,7 @@ def _matrix(pieces: list[_Piece], count: int, size: int, room: int) -> Packed:
     return Packed(whole.reshape(-1), starts, np.full(count, size - room, np.int64))
 
 
-def _scattered(pieces: list[_Piece], ends: Indices, room: int) -> Packed:
+def _scattered(pieces: list[_PackedValues], ends: Indices, room: int) -> Packed:
     """Write messages of various sizes."""
     starts = np.cumsum(ends) - ends
     whole = np.zeros(int(ends.sum()), np.uint8)

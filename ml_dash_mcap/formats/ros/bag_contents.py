@@ -106,7 +106,7 @@ def unpacked(block: MessageBlock, path: Path, losses: list[str] | None) -> Messa
     return replace(whole, payloads=payloads)
 
 
-class Batch(NamedTuple):
+class ConnectionBatch(NamedTuple):
     """Messages of one channel, in the order of the bag."""
 
     channel: Connection
@@ -114,10 +114,10 @@ class Batch(NamedTuple):
     payloads: list[bytes]
 
 
-def batches(file: BagFile, wanted: Collection[Connection]) -> Iterator[Batch]:
+def batches(file: BagFile, wanted: Collection[Connection]) -> Iterator[ConnectionBatch]:
     """Yield a file's messages of some channels, those of a block and channel together."""
     numbers = {number for number, channel in file.channels.items() if channel in wanted}
     for block in file.blocks(numbers):
         for number in np.unique(block.channels).tolist():
             part = block.pick(np.flatnonzero(block.channels == number))
-            yield Batch(file.channels[number], part.times_ns.tolist(), [bytes(one) for one in part.payloads])
+            yield ConnectionBatch(file.channels[number], part.times_ns.tolist(), [bytes(one) for one in part.payloads])

@@ -8,7 +8,7 @@ from typing import Any
 
 from ...errors import OptionError
 from ...query.file import File
-from .messages.lossless import Field
+from .messages.lossless import MessageField
 
 _FILES = "files"
 """The folder in a run's one that `Experiment.files` saves to."""
@@ -49,7 +49,7 @@ class Images:
         except OSError as error:
             raise ValueError(f"names {name!r}, which cannot be read: {error.strerror}") from error
 
-    def fitting(self, rows: Sequence[dict[str, Any]], ways: Iterable[Sequence[Field]]) -> int:
+    def fitting(self, rows: Sequence[dict[str, Any]], ways: Iterable[Sequence[MessageField]]) -> int:
         """Return how many rows can be converted at once so that not too many images are in memory: at least one.
 
         Args:

@@ -22,7 +22,7 @@ from . import (
 )
 from .bag_options import RosbagWriteOptions
 from .messages import arrow_blocks, conventions, lossless, lossless_definitions, standard, underivable
-from .messages.lossless import Field, Message
+from .messages.lossless import Message, MessageField
 from .messages.standard import Derived
 
 
@@ -61,7 +61,7 @@ class Outlet:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class TopicPlan:
     """How the rows of a topic become messages."""
 
     topic: str
@@ -71,7 +71,7 @@ class Plan:
     derived: tuple[tuple[Derived, Outlet], ...]
 
     @property
-    def paths(self) -> list[tuple[Field, ...]]:
+    def paths(self) -> list[tuple[MessageField, ...]]:
         """The ways to the fields whose texts are the paths of images to embed."""
         fields = [one.fields["data"] for one, _ in self.derived if one.type == conventions.COMPRESSED]
         return [way for way in fields if way[-1].kind == "string"]
@@ -104,7 +104,7 @@ class Planner:
                 there = ", ".join(map(repr, job.topics)) or "none"
                 raise ConversionError(f"mapping has the topic {topic!r}, which is not exported; there are {there}")
 
-    def plan(self, shapes: Mapping[str, Shape]) -> list[Plan]:
+    def plan(self, shapes: Mapping[str, Shape]) -> list[TopicPlan]:
         """Return how the rows of each topic become messages.
 
         Args:
@@ -131,7 +131,9 @@ class Planner:
             self._warned.add(what)
             warnings.warn(f"{what}; the first: {first}" if first else what, ConversionWarning, stacklevel=2)
 
-    def _planned(self, topic: str, rows: Shape, called: str, taken_types: set[str], taken_topics: set[str]) -> Plan:
+    def _planned(
+        self, topic: str, rows: Shape, called: str, taken_types: set[str], taken_topics: set[str]
+    ) -> TopicPlan:
         settings = self._settings
         is_json = settings.profile == "json"
         message = lossless.design(rows, topic, set() if is_json else taken_types, is_json=is_json)
@@ -147,7 +149,7 @@ class Planner:
         derived = [(one, self._standard(one)) for one in wanted]
         if own is None and not derived and rows.kinds:
             self.warn(f"topic {topic!r}: no standard message says what its fields hold; profile='std' leaves it out")
-        return Plan(topic, message, own, tuple(derived))
+        return TopicPlan(topic, message, own, tuple(derived))
 
     def _about(self, topic: str, wanted: list[Derived]) -> dict[str, Any]:
         """Return what a message's definition says besides its fields, in bags that have no other place for it too."""
@@ -216,7 +218,7 @@ class Planner:
                     f"topic {topic!r}: its units have {key!r}, and there is no such field; there are {_list(there)}"
                 )
 
-    def _uneven(self, topic: str, way: tuple[Field, ...]) -> str:
+    def _uneven(self, topic: str, way: tuple[MessageField, ...]) -> str:
         """Say which is the first row where a field's length differs from the one before."""
         number, length = 0, None
         for part in exact_blocks.read(self._job.stored(topic), self._job.low, self._job.high):

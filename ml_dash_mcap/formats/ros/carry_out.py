@@ -30,7 +30,7 @@ Convert = Callable[[Payload], Payload]
 
 
 @dataclass(frozen=True, slots=True)
-class Origin:
+class BagOrigin:
     """What is known of the bag that messages came from; empty for messages that came from none."""
 
     distro: str = ""
@@ -54,7 +54,7 @@ def _is_carried(job: Job, topic: str) -> bool:
     return bool(channels) and all(channel.message_encoding in ("cdr", "ros1") for _, channel in channels)
 
 
-def origin(job: Job) -> Origin:
+def origin(job: Job) -> BagOrigin:
     """Return what is said of the bag that the files are of, or were copied from: what was said last counts."""
     distro, version = "", 0
     custom, digests, profiles = dict[str, str](), dict[str, str](), dict[str, str]()
@@ -65,7 +65,7 @@ def origin(job: Job) -> Origin:
         custom.update(information.custom)
         digests.update(information.digests)
         profiles.update(information.profiles)
-    return Origin(distro, version, custom, digests, profiles)
+    return BagOrigin(distro, version, custom, digests, profiles)
 
 
 def _stated(job: Job) -> Iterator[tuple[str, str]]:
@@ -89,7 +89,7 @@ class Carried:
     """Messages that go into a bag as they are, in the order in which they are stored."""
 
     def __init__(
-        self, job: Job, names: list[str], origin: Origin, *, is_ros1: bool = False, time_offset: float = 0.0
+        self, job: Job, names: list[str], origin: BagOrigin, *, is_ros1: bool = False, time_offset: float = 0.0
     ) -> None:
         """Look at the channels.
 

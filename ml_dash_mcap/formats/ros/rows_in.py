@@ -22,7 +22,7 @@ from ...recorder import Recorder, open_topic
 from ...rows.encode import TIME_KEY
 from ...suggestions import not_found
 from ...topic import MessageTopic
-from .bag_contents import Bag, Batch
+from .bag_contents import Bag, ConnectionBatch
 from .bag_types import Types
 from .messages import lossless_definitions, restore
 from .messages.lossless import Message
@@ -114,7 +114,7 @@ class Intake:
         self._salvages = salvages
         self.losses: list[str] = []
         """What was left out so far, in words."""
-        self._adders: dict[Connection, Callable[[Batch], None]] = {}
+        self._adders: dict[Connection, Callable[[ConnectionBatch], None]] = {}
         for channel in wanted:
             self._adders[channel] = (
                 self._own(channel, origins.own[channel]) if channel in origins.own else self._foreign(channel)
@@ -127,7 +127,7 @@ class Intake:
         """The channels whose messages become rows."""
         return set(self._adders)
 
-    def add(self, batch: Batch) -> None:
+    def add(self, batch: ConnectionBatch) -> None:
         """Take some messages; of those that are damaged the rest, where that is wanted.
 
         Raises:
@@ -143,9 +143,9 @@ class Intake:
                 return
             middle = len(batch.payloads) // 2
             for part in (slice(0, middle), slice(middle, None)):
-                self.add(Batch(batch.channel, batch.times_ns[part], batch.payloads[part]))
+                self.add(ConnectionBatch(batch.channel, batch.times_ns[part], batch.payloads[part]))
 
-    def _own(self, channel: Connection, message: Message) -> Callable[[Batch], None]:
+    def _own(self, channel: Connection, message: Message) -> Callable[[ConnectionBatch], None]:
         """Return what takes messages that say all that our rows said."""
         name = self._origins.name(channel)
         said = {**message.about, **self._origins.metadata.get("about", {}).get(name, {})}
@@ -160,7 +160,7 @@ class Intake:
         topic = self._recorder.topic(name, **about)
         definitions = lossless_definitions.describe(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
 
-        def add(batch: Batch) -> None:
+        def add(batch: ConnectionBatch) -> None:
             with self._named(batch):
                 column = unpack(definitions, batch.payloads, is_ros1=channel.is_ros1)
                 plain = restore.plain(message, column)
@@ -171,11 +171,13 @@ class Intake:
 
         return add
 
-    def _own_messages(self, channel: Connection, message: Message, topic: MessageTopic) -> Callable[[Batch], None]:
+    def _own_messages(
+        self, channel: Connection, message: Message, topic: MessageTopic
+    ) -> Callable[[ConnectionBatch], None]:
         """Return what takes messages that were no rows of a track in the recording: each stays one, at its time."""
         definitions = lossless_definitions.describe(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
 
-        def add(batch: Batch) -> None:
+        def add(batch: ConnectionBatch) -> None:
             with self._named(batch):
                 rows = restore.rows(message, unpack(definitions, batch.payloads, is_ros1=channel.is_ros1))
                 pairs = zip(rows, batch.times_ns, strict=True)
@@ -184,18 +186,18 @@ class Intake:
 
         return add
 
-    def _foreign(self, channel: Connection) -> Callable[[Batch], None]:
+    def _foreign(self, channel: Connection) -> Callable[[ConnectionBatch], None]:
         """Return what takes messages of others, each a row of its own."""
         decode_one: Decoder | None = None
         topic = open_topic(self._recorder, channel.topic, MESSAGE, MessageTopic)
 
-        def add(batch: Batch) -> None:
+        def add(batch: ConnectionBatch) -> None:
             nonlocal decode_one
             if decode_one is None:
                 decode_one = self._decoder(channel)
             rows, times_ns = [], []
             for time_ns, payload in zip(batch.times_ns, batch.payloads, strict=True):
-                with self._named(Batch(channel, [time_ns], [payload])):
+                with self._named(ConnectionBatch(channel, [time_ns], [payload])):
                     row = decode_one(payload)
                 if row is not None:
                     times_ns.append((_stamp(row) if self._uses_header else 0) or time_ns)
@@ -205,7 +207,7 @@ class Intake:
         return add
 
     @contextmanager
-    def _named(self, batch: Batch) -> Iterator[None]:
+    def _named(self, batch: ConnectionBatch) -> Iterator[None]:
         """Name the messages that turn out not to be what their type says."""
         try:
             yield

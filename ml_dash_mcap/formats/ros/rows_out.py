@@ -30,7 +30,7 @@ from ...rows.value_shapes import of_values
 from ...store import read_ahead
 from ..export_job import Job
 from . import bag_images, ros_names
-from .bag_plan import Outlet, Plan, Planner, Settings
+from .bag_plan import Outlet, Planner, Settings, TopicPlan
 from .carry_out import Carried
 from .messages import arrow_blocks as blocks
 from .messages import interface_package as interfaces
@@ -190,7 +190,7 @@ class Outgoing:
         """Ask for all messages up to the latest so far before later ones."""
         self._last = min(self._last, self._reached)
 
-    def _portion(self, plan: Plan, now: Part, later: Part | None) -> tuple[Part, Part | None]:
+    def _portion(self, plan: TopicPlan, now: Part, later: Part | None) -> tuple[Part, Part | None]:
         """Put off rows that together name more images than should be in memory at once."""
         if self._images is None or not plan.paths:
             return now, later
@@ -211,7 +211,7 @@ class Outgoing:
 
     # -- rows to messages ----------------------------------------------------------------------------------------------
 
-    def _convert(self, plan: Plan, part: Part, before: int) -> list[Sent]:
+    def _convert(self, plan: TopicPlan, part: Part, before: int) -> list[Sent]:
         settings = self._settings
         count = exact_blocks.size(part)
         times = _times(part)
@@ -237,7 +237,7 @@ class Outgoing:
         return sent
 
     def _built(
-        self, plan: Plan, derived: Derived, column: Any, rows: Indices, times: Any, header: Any, before: int
+        self, plan: TopicPlan, derived: Derived, column: Any, rows: Indices, times: Any, header: Any, before: int
     ) -> tuple[Indices, dict[str, Any]]:
         """Return the columns of a standard message and the rows that they are of."""
         header = {**header, "frame_id": Constant(_frame(derived.metadata.get("frame_id"), self._settings.frame_id))}
@@ -261,7 +261,7 @@ class Outgoing:
         return rows, {}
 
     def _stamps(
-        self, plan: Plan, times: npt.NDArray[np.float64], times_ns: list[int] | None, before: int
+        self, plan: TopicPlan, times: npt.NDArray[np.float64], times_ns: list[int] | None, before: int
     ) -> npt.NDArray[np.uint64]:
         known = clock.to_nanoseconds_each(times) if times_ns is None else np.array(times_ns, np.uint64)
         stamps = known.astype(np.int64) + round(self._settings.time_offset * clock.NS_PER_S)
@@ -280,7 +280,7 @@ def _frame(said: object, otherwise: str) -> str:
     return said if isinstance(said, str) and "\0" not in said else otherwise
 
 
-def _suffix(plan: Plan, derived: Derived) -> str:
+def _suffix(plan: TopicPlan, derived: Derived) -> str:
     base = (plan.own.topic if plan.own is not None else ros_names.topic(plan.topic)) + "/"
     return derived.topic.removeprefix(base)
 

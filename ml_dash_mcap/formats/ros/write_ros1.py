@@ -13,7 +13,7 @@ from ..export_job import Job, RestartableCounter
 from . import carry_out
 from .bag_options import Rosbag1WriteOptions
 from .bag_plan import Settings
-from .bag_ros1.write import Storage
+from .bag_ros1.write import Ros1BagWriter
 from .rows_out import MisfitError, Outgoing, packed, write_package
 
 
@@ -28,14 +28,14 @@ def export(job: Job, options: Rosbag1WriteOptions) -> Path:
         OptionError: An option has a value that it cannot have.
         ConversionError: A row cannot be said; the message names it.
     """
-    settings = Settings.of(options, is_ros1=True, room=Storage.room, is_in_order=True)
+    settings = Settings.of(options, is_ros1=True, room=Ros1BagWriter.room, is_in_order=True)
     beside = job.dest.with_name(f"{job.dest.stem}_interfaces")
     if settings.profile != "std":
         refuse_existing(beside)
     with ExitStack() as stack:
         path = stack.enter_context(fresh_file(job.dest))
         names = carry_out.topics(job)
-        carried = carry_out.Carried(job, names, carry_out.Origin(), is_ros1=True, time_offset=options.time_offset)
+        carried = carry_out.Carried(job, names, carry_out.BagOrigin(), is_ros1=True, time_offset=options.time_offset)
         carry_out.warn_of_beside(carried.files, "bags of ROS 1")
         outgoing = Outgoing(job.without(names), settings, carried)
         steps = RestartableCounter(job.counter())
@@ -61,7 +61,7 @@ def _has_time_0(sent: Any) -> bool:
 def _write(path: Path, outgoing: Outgoing, compression: str, steps: RestartableCounter) -> None:
     steps.begin()
     is_warned = False
-    bag = Storage(path, outgoing.outlets, compression)
+    bag = Ros1BagWriter(path, outgoing.outlets, compression)
     try:
         for rows, sent in packed(outgoing.messages(), bag.pack):
             if isinstance(sent, list):

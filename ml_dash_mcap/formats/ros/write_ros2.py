@@ -27,7 +27,7 @@ CUSTOM_KEY = "ml_dash"
 """In the metadata's `custom_data`: what the way back wants to know."""
 
 
-class _Storage(Protocol):
+class _BagWriter(Protocol):
     @property
     def counts(self) -> dict[int, int]:
         """Messages so far, by the number of their outlet."""
@@ -77,14 +77,16 @@ def export(job: Job, options: Rosbag2WriteOptions) -> Path:
         version = versions.check_distro(distro)
     else:
         distro, version = versions.distro_of(origin.distro, origin.version)
-    room = bag_mcap.Storage.room if storage == "mcap" else bag_sqlite.Storage.room
+    room = bag_mcap.McapBagWriter.room if storage == "mcap" else bag_sqlite.SqliteBagWriter.room
     settings = Settings.of(options, is_ros1=False, room=room, is_in_order=split_bytes is not None)
     qos = functools.partial(qos_profiles.offered, version=version)
-    begin: Callable[[Path, Sequence[Outlet]], _Storage]
+    begin: Callable[[Path, Sequence[Outlet]], _BagWriter]
     if storage == "mcap":
-        begin = functools.partial(bag_mcap.Storage, qos=qos, distro=distro, compression=options.compression or "zstd")
+        begin = functools.partial(
+            bag_mcap.McapBagWriter, qos=qos, distro=distro, compression=options.compression or "zstd"
+        )
     else:
-        begin = functools.partial(bag_sqlite.Storage, qos=qos, distro=distro, version=version)
+        begin = functools.partial(bag_sqlite.SqliteBagWriter, qos=qos, distro=distro, version=version)
     with fresh_folder(job.dest) as folder:
         names = carry_out.topics(job)
         carried = carry_out.Carried(job, names, origin, time_offset=options.time_offset)
@@ -118,7 +120,7 @@ class _Bag:
         name: str,
         description: Description,
         split_bytes: int | None,
-        begin: Callable[[Path, Sequence[Outlet]], _Storage],
+        begin: Callable[[Path, Sequence[Outlet]], _BagWriter],
         outgoing: Outgoing,
     ) -> None:
         self._folder = folder
@@ -147,7 +149,7 @@ class _Bag:
                 steps.add(rows)
                 if self._split_bytes is not None and file.size >= self._split_bytes:
                     self._outgoing.finish_up()
-            if isinstance(file, bag_mcap.Storage):
+            if isinstance(file, bag_mcap.McapBagWriter):
                 file.add_beside(self._outgoing.carried_files)
             self._finish(file)
         finally:
@@ -155,13 +157,13 @@ class _Bag:
         text = self._description.text(self._outgoing.outlets, self._files)
         (self._folder / METADATA_FILE).write_text(text, encoding="utf-8")
 
-    def _next(self) -> _Storage:
+    def _next(self) -> _BagWriter:
         return self._begin(self._folder / self._file_name(), self._outgoing.outlets)
 
     def _file_name(self) -> str:
         return f"{self._name}_{len(self._files)}{self._suffix}"
 
-    def _finish(self, file: _Storage) -> None:
+    def _finish(self, file: _BagWriter) -> None:
         contents = FileContents(self._file_name(), dict(file.counts), file.start_ns, file.end_ns)
         file.finish(self._description.text_of_file(self._outgoing.outlets, contents))
         self._files.append(contents)

@@ -42,7 +42,7 @@ class _MessageZstd:
         return self._zstd.compress(block)
 
 
-class Storage:
+class McapBagWriter:
     """A file that takes messages until it is finished."""
 
     room = MESSAGE_HEAD_BYTES

@@ -51,7 +51,7 @@ class _Pending(NamedTuple):
         return _Pending(self.data[begin:end], starts, self.sizes[which], self.times_ns[which], self.connections[which])
 
 
-class Storage:
+class Ros1BagWriter:
     """A file that takes messages until it is finished.
 
     Chunks are in the order of time, messages of all topics together: ROS 1 unpacks one chunk at a time, and would

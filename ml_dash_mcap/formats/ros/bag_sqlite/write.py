@@ -15,7 +15,7 @@ from ..rows_out import Sent
 from . import layout
 
 
-class Storage:
+class SqliteBagWriter:
     """A file that takes messages until it is finished."""
 
     room = 0

@@ -17,7 +17,7 @@ from ....rows.shape import EXACT_INTEGER, Shape, of_dicts
 from ....rows.table import Block
 from . import fill
 from .fill import MisfitError
-from .lossless import INTEGER, MISSING, PRESENT, STATE, Field, Message
+from .lossless import INTEGER, MISSING, PRESENT, STATE, Message, MessageField
 
 _NUMBERS = {"bool": pa.bool_(), "int64": pa.int64(), "uint64": pa.uint64(), "float64": pa.float64()}
 
@@ -73,7 +73,7 @@ def _fill(message: Message, block: Block, prefix: str, left: set[str]) -> dict[s
     return columns
 
 
-def _column(one: Field, array: Any, states: npt.NDArray[np.uint8]) -> dict[str, Column]:
+def _column(one: MessageField, array: Any, states: npt.NDArray[np.uint8]) -> dict[str, Column]:
     """Return a field's column, and the one that says which elements are integers; marks integers in `states`."""
     if one.kind == "string" and one.shape == () and pa.types.is_string(array.type):
         return {one.name: _texts(array)}
@@ -86,7 +86,7 @@ def _column(one: Field, array: Any, states: npt.NDArray[np.uint8]) -> dict[str, 
     return fill.column(one, array.to_pylist(), states)
 
 
-def _fixed(one: Field, array: Any) -> dict[str, Column] | None:
+def _fixed(one: MessageField, array: Any) -> dict[str, Column] | None:
     shape: list[int] = []
     while pa.types.is_fixed_size_list(array.type):
         shape.append(array.type.list_size)
@@ -96,7 +96,7 @@ def _fixed(one: Field, array: Any) -> dict[str, Column] | None:
     return _numbers(one, array, lambda flat: flat.reshape(-1, int(np.prod(shape))) if shape else flat)
 
 
-def _ragged(one: Field, array: Any) -> dict[str, Column] | None:
+def _ragged(one: MessageField, array: Any) -> dict[str, Column] | None:
     if not is_list(array.type):
         return None
     lengths = pc.list_value_length(array).to_numpy(zero_copy_only=False).astype(np.int64)
@@ -104,7 +104,7 @@ def _ragged(one: Field, array: Any) -> dict[str, Column] | None:
     return _numbers(one, inner, lambda flat: Ragged.behind_each_other(flat, lengths)) if len(inner) else None
 
 
-def _numbers(one: Field, array: Any, shape: Any) -> dict[str, Column] | None:
+def _numbers(one: MessageField, array: Any, shape: Any) -> dict[str, Column] | None:
     is_other = one.kind == "float64" and pa.types.is_integer(array.type)
     if array.type != _NUMBERS[one.kind] and not is_other:
         return None

@@ -14,7 +14,7 @@ from ....errors import ConversionWarning
 from ....meaning import units
 from . import stated_texts
 from .context import BadRows, Context
-from .lossless import Field, names_image
+from .lossless import MessageField, names_image
 
 Array = npt.NDArray[Any]
 
@@ -106,7 +106,7 @@ def image(context: Context, values: dict[str, Array]) -> dict[str, Column] | Bad
     }
 
 
-def _encodings(context: Context, encoding: str, one: Field, data: Array) -> Column:
+def _encodings(context: Context, encoding: str, one: MessageField, data: Array) -> Column:
     """Return what the pixels are: what rows state, where the pixels can be that."""
     stated = context.details.get("encoding")
     if stated is None:

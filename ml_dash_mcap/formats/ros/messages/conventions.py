@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ....meaning import field_kinds as kinds
 from ....meaning.field_kinds import FieldMeaning
-from .lossless import Field
+from .lossless import MessageField
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -156,7 +156,7 @@ SAID = ("frame_id", "child_frame_id", "quat_order", "joint_names", "units")
 
 @dataclass(frozen=True, slots=True)
 class Convention:
-    """Field names that mean a standard message."""
+    """MessageField names that mean a standard message."""
 
     suffix: str
     type: str
@@ -224,7 +224,7 @@ CONVENTIONS = (
 """What the fields of one dict make; poses of other owners than `ee` are added to them by `field_kinds.poses`."""
 
 
-def vector_shape(one: Field) -> tuple[int, ...] | None:
+def vector_shape(one: MessageField) -> tuple[int, ...] | None:
     """Return the shape that a field has as a vector: a dict of the numbers x y z is [3], one of x y z w is [4].
 
     None for a field that is neither a number, nor a list of numbers of one shape, nor such a dict.
@@ -237,7 +237,7 @@ def vector_shape(one: Field) -> tuple[int, ...] | None:
     return (len(letters),) if is_vector and one.shape == () else None
 
 
-def fits(one: Field, role: Role, *, embeds: bool = False) -> bool:
+def fits(one: MessageField, role: Role, *, embeds: bool = False) -> bool:
     """Whether a field can fill a role; with `embeds`, a text that is the path of an image is the image."""
     if one.message is not None:
         return vector_shape(one) in role.shapes
@@ -250,14 +250,14 @@ def fits(one: Field, role: Role, *, embeds: bool = False) -> bool:
     return _is_picture(one, role) or one.shape in role.shapes or (_ANY_VECTOR in role.shapes and len(one.shape) == 1)
 
 
-def _is_picture(one: Field, role: Role) -> bool:
+def _is_picture(one: MessageField, role: Role) -> bool:
     """Whether a field has the shape of the images that a role takes."""
     shape = one.shape or ()
     is_color = _COLORS in role.shapes and len(shape) == 3 and shape[2] in (1, 3, 4)
     return is_color or (_DEPTH in role.shapes and len(shape) == 2)
 
 
-def says(one: Field, detail: Detail) -> bool:
+def says(one: MessageField, detail: Detail) -> bool:
     """Whether a field can say a detail."""
     if _TEXTS in detail.shapes:
         return one.kind == "string" and one.shape is None
@@ -266,6 +266,6 @@ def says(one: Field, detail: Detail) -> bool:
     return one.message is None and one.kind in ("float64", "int64", "uint64") and one.shape in detail.shapes
 
 
-def is_ragged(one: Field) -> bool:
+def is_ragged(one: MessageField) -> bool:
     """Whether a field's values are lists of numbers of various lengths."""
     return one.shape is None and one.kind in ("float64", "int64", "uint64")

@@ -15,7 +15,7 @@ from ....rows import packed_arrays
 from ....rows.encode import EXACT_KEY, TIME_KEY, has_lone_surrogates
 from ....rows.json_text import dumps_any, exact_as_read, loads_any
 from ....rows.shape import EXACT_INTEGER
-from .lossless import INTEGER, MISSING, NONE, PRESENT, ROW_KEY, STATE, Field, Message
+from .lossless import INTEGER, MISSING, NONE, PRESENT, ROW_KEY, STATE, Message, MessageField
 
 Row = Mapping[str, Any]
 
@@ -71,7 +71,7 @@ def _states(values: list[Any]) -> npt.NDArray[np.uint8]:
     )
 
 
-def column(one: Field, values: list[Any], states: npt.NDArray[np.uint8]) -> dict[str, Column]:
+def column(one: MessageField, values: list[Any], states: npt.NDArray[np.uint8]) -> dict[str, Column]:
     """Return a field's column, and the one that says which elements are integers.
 
     Args:
@@ -100,7 +100,7 @@ def column(one: Field, values: list[Any], states: npt.NDArray[np.uint8]) -> dict
     return _with_integers(one, list(chain.from_iterable(values)), lambda col: Ragged.behind_each_other(col, lengths))
 
 
-def _arrays(one: Field, values: list[Any]) -> Column:
+def _arrays(one: MessageField, values: list[Any]) -> Column:
     """Return arrays of one type and shape as a column, [N, k]."""
     wanted = f"{one.kind}[{','.join(map(str, one.shape or ()))}]"
     if any(not isinstance(value, np.ndarray) or packed_arrays.spelling(value) != wanted for value in values):
@@ -109,14 +109,14 @@ def _arrays(one: Field, values: list[Any]) -> Column:
     return found.view(np.uint8) if one.kind == "bool" else found
 
 
-def _with_integers(one: Field, flat: list[Any], shape: Callable[[Column], Column]) -> dict[str, Column]:
+def _with_integers(one: MessageField, flat: list[Any], shape: Callable[[Column], Column]) -> dict[str, Column]:
     if one.integers is None:
         return {one.name: shape(_flat(one, flat))}
     marks = np.fromiter((type(value) is int for value in flat), np.uint8, len(flat))
     return {one.name: shape(_numbers(one.kind, flat, allows_integers=True)), one.integers: shape(marks)}
 
 
-def _flat(one: Field, values: list[Any]) -> Column:
+def _flat(one: MessageField, values: list[Any]) -> Column:
     """Return values of a field, or elements of its lists, as a column."""
     if one.message is not None:
         _check(values, dict)
@@ -160,7 +160,7 @@ def _check(values: list[Any], kind: type) -> None:
         raise MisfitError
 
 
-def default(one: Field) -> Any:
+def default(one: MessageField) -> Any:
     """Return what stands for a value that is not there."""
     if one.shape is None:
         return []

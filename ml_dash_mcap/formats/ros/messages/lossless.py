@@ -38,7 +38,7 @@ _ARRAYS = {"bool", "float32", "float64", *(f"{sign}int{bits}" for sign in ("", "
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class MessageField:
     """One key of a row, or of a dict in it."""
 
     key: str
@@ -64,7 +64,7 @@ class Message:
 
     name: str
     """Without its package."""
-    fields: tuple[Field, ...]
+    fields: tuple[MessageField, ...]
     is_stated: bool
     """Whether it has `field_state`."""
     is_row: bool = True
@@ -90,19 +90,19 @@ def design(rows: Shape, topic: str, taken: set[str], *, is_json: bool = False) -
         is_json: Whether to hold each row as JSON.
     """
     if is_json:
-        row = Field(ROW_KEY, "json", "json")
+        row = MessageField(ROW_KEY, "json", "json")
         taken.add("Json")
         return Message("Json", (row,), False, about={"topic": topic})
     name = ros_names.message(topic, taken)
     taken.add(name)
     rows = replace(rows, fields={key: values for key, values in rows.fields.items() if key != TIME_KEY})
     if len(rows.fields) > _MOST_FIELDS:
-        return Message(name, (Field(ROW_KEY, "json", "json"),), False, about={"topic": topic})
+        return Message(name, (MessageField(ROW_KEY, "json", "json"),), False, about={"topic": topic})
     fields, is_stated = _fields(rows, name, taken, 0)
     return Message(name, fields, is_stated, about={"topic": topic})
 
 
-def _fields(dicts: Shape, owner: str, taken: set[str], depth: int) -> tuple[tuple[Field, ...], bool]:
+def _fields(dicts: Shape, owner: str, taken: set[str], depth: int) -> tuple[tuple[MessageField, ...], bool]:
     called = ros_names.fields(dicts.fields)
     used = {*called.values(), *ros_names.TAKEN_FIELDS}
     fields = []
@@ -113,54 +113,54 @@ def _fields(dicts: Shape, owner: str, taken: set[str], depth: int) -> tuple[tupl
         if _are_mixed_numbers(values) and made.kind == "float64":
             is_stated = True
         if made.integers is not None:
-            made = Field(key, made.name, made.kind, made.shape, None, ros_names.free(made.integers, used, "_"))
+            made = MessageField(key, made.name, made.kind, made.shape, None, ros_names.free(made.integers, used, "_"))
             used.add(str(made.integers))
         fields.append(made)
     return tuple(fields), is_stated
 
 
-def _field(values: Shape, key: str, name: str, owner: str, taken: set[str], depth: int) -> Field:
+def _field(values: Shape, key: str, name: str, owner: str, taken: set[str], depth: int) -> MessageField:
     kinds = values.value_kinds
     number = _number(values)
     if number is not None:
-        return Field(key, name, number)
+        return MessageField(key, name, number)
     if _are_plain_texts(values):
-        return Field(key, name, "string", names_images=names_image(values.first_text or ""))
+        return MessageField(key, name, "string", names_images=names_image(values.first_text or ""))
     if kinds == shape.BYTES:
-        return Field(key, name, "bytes")
+        return MessageField(key, name, "bytes")
     if kinds == shape.DICT and _fits(values, depth):
-        return Field(key, name, "message", (), _nested(values, key, owner, taken, depth))
+        return MessageField(key, name, "message", (), _nested(values, key, owner, taken, depth))
     if kinds == shape.LIST:
         return _list(values, key, name, owner, taken, depth)
     array = values.array
     if kinds == shape.ARRAY and array is not None and array.is_plain and array.dtype in _ARRAYS and array.lengths:
         lengths = tuple(length for length in array.lengths if length)
         if len(lengths) == len(array.lengths):
-            return Field(key, name, array.dtype, lengths, is_array=True)
-    return Field(key, name, "json")
+            return MessageField(key, name, array.dtype, lengths, is_array=True)
+    return MessageField(key, name, "json")
 
 
-def _list(lists: Shape, key: str, name: str, owner: str, taken: set[str], depth: int) -> Field:
+def _list(lists: Shape, key: str, name: str, owner: str, taken: set[str], depth: int) -> MessageField:
     lengths: tuple[int, ...] | None = ()
     values = lists
     while values.value_kinds == shape.LIST and (values is lists or not values.has_nulls):
         if lengths is None or values.items is None or not values.items.kinds:  # ragged lists of lists; only empty lists
-            return Field(key, name, "json")
+            return MessageField(key, name, "json")
         is_fixed = values.shortest == values.longest
         if not is_fixed and lengths:
-            return Field(key, name, "json")
+            return MessageField(key, name, "json")
         lengths = (*lengths, values.longest) if is_fixed else None
         values = values.items
     number = None if values.has_nulls else _number(values)
     if number is not None:
         integers = f"{name}_integers" if _are_mixed_numbers(values) else None
-        return Field(key, name, number, lengths, None, integers)
+        return MessageField(key, name, number, lengths, None, integers)
     if (lengths is None or len(lengths) == 1) and not values.has_nulls:
         if _are_plain_texts(values):
-            return Field(key, name, "string", None)
+            return MessageField(key, name, "string", None)
         if values.value_kinds == shape.DICT and _fits(values, depth):
-            return Field(key, name, "message", None, _nested(values, key, owner, taken, depth))
-    return Field(key, name, "json")
+            return MessageField(key, name, "message", None, _nested(values, key, owner, taken, depth))
+    return MessageField(key, name, "json")
 
 
 def _number(values: Shape) -> str | None:

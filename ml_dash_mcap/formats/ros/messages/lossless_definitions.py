@@ -13,7 +13,7 @@ from typing import Any
 from ....codecs.ros import definitions
 from ....codecs.ros.message_types import Definitions
 from ....errors import EncodingError
-from .lossless import STATE, Field, Message, size
+from .lossless import STATE, Message, MessageField, size
 
 MARK = "# ml_dash "
 """Begins the comment."""
@@ -96,7 +96,7 @@ def parse(name: str, definition: str) -> Message | None:
         return None
 
 
-def _line(one: Field, package: str, unit: object) -> str:
+def _line(one: MessageField, package: str, unit: object) -> str:
     kind = {"json": "string", "bytes": "uint8[]"}.get(one.kind, one.kind)
     if one.message is not None:
         kind = f"{package}/{one.message.name}"
@@ -110,7 +110,7 @@ def _line(one: Field, package: str, unit: object) -> str:
     return f"{kind}{_brackets(one)} {one.name}" + (f"  # {' '.join(notes)}" if notes else "")
 
 
-def _brackets(one: Field) -> str:
+def _brackets(one: MessageField) -> str:
     if one.shape is None:
         return "[]"
     return f"[{size(one.shape)}]" if one.shape else ""
@@ -148,7 +148,7 @@ def _message(name: str, described: Mapping[str, dict[str, Any]], *, is_row: bool
         spelled = one.get("shape", "")
         shape = None if spelled == "*" else tuple(int(length) for length in spelled.split("x") if length)
         key, is_array = one.get("key", field_name), "array" in one
-        fields.append(Field(key, field_name, one["kind"], shape, inner, one.get("integers"), is_array))
+        fields.append(MessageField(key, field_name, one["kind"], shape, inner, one.get("integers"), is_array))
     known = ("version", "stated", "fields")
     about = {key: value if key in _TEXTS else json.loads(value) for key, value in said.items() if key not in known}
     return Message(name, tuple(fields), bool(said.get("stated", False)), is_row, about)

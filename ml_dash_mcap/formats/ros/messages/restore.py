@@ -11,7 +11,7 @@ from ....rows import packed_arrays
 from ....rows.encode import TIME_KEY
 from ....rows.json_text import loads_any, restore
 from .fill import VALUE_KEY
-from .lossless import INTEGER, NONE, PRESENT, ROW_KEY, STATE, Field, Message
+from .lossless import INTEGER, NONE, PRESENT, ROW_KEY, STATE, Message, MessageField
 
 Row = dict[str, Any]
 
@@ -71,7 +71,7 @@ def _row(value: Any) -> Row:
     return value
 
 
-def _values(one: Field, column: dict[str, Column]) -> list[Any]:
+def _values(one: MessageField, column: dict[str, Column]) -> list[Any]:
     """Return a field's values as Python has them."""
     values = column[one.name]
     if one.kind == "bytes" or (one.kind in ("string", "json") and one.shape == ()):
@@ -90,7 +90,7 @@ def _values(one: Field, column: dict[str, Column]) -> list[Any]:
     return [_marked(value, mark) for value, mark in zip(listed, marks, strict=True)]
 
 
-def _lists(one: Field, values: Ragged, column: dict[str, Column]) -> list[Any]:
+def _lists(one: MessageField, values: Ragged, column: dict[str, Column]) -> list[Any]:
     if one.message is not None:
         flat: list[Any] = _dicts(one.message, values.items, count(values.items))
     elif one.kind == "string":

@@ -34,7 +34,7 @@ from .conventions import (
     says,
     vector_shape,
 )
-from .lossless import Field, Message
+from .lossless import Message, MessageField
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +45,11 @@ class Derived:
     """In ROS."""
     type: str
     """Of its messages."""
-    fields: Mapping[str, tuple[Field, ...]]
+    fields: Mapping[str, tuple[MessageField, ...]]
     """Role, to the field that fills it: the way to it, from the row's own field inwards."""
     message: Message
     """Of the rows."""
-    details: Mapping[str, tuple[Field, ...]] = field(default_factory=dict)
+    details: Mapping[str, tuple[MessageField, ...]] = field(default_factory=dict)
     """Detail, to the field that says it; rows may lack it."""
     metadata: Mapping[str, Any] = field(default_factory=dict)
     """Of our topic: `frame_id`, `joint_names`, `quat_order`, `units`."""
@@ -121,9 +121,9 @@ def _transform(pose: Derived) -> Derived:
     return Derived("/tf", TF, pose.fields, pose.message, details, pose.metadata, child=pose.topic)
 
 
-def _details(message: Message, type_: str, path: tuple[Field, ...]) -> dict[str, tuple[Field, ...]]:
+def _details(message: Message, type_: str, path: tuple[MessageField, ...]) -> dict[str, tuple[MessageField, ...]]:
     """Return the fields that say details of a standard message, those beside its other fields first."""
-    found: dict[str, tuple[Field, ...]] = {}
+    found: dict[str, tuple[MessageField, ...]] = {}
     for way in (path, ()):
         level = _by_key((way[-1].message if way else None) or message)
         for role, detail in {**DETAILS.get(type_, {}), FRAME: FRAME_DETAIL}.items():
@@ -140,17 +140,19 @@ def _details(message: Message, type_: str, path: tuple[Field, ...]) -> dict[str,
     return found
 
 
-def _by_key(message: Message) -> dict[str, Field]:
+def _by_key(message: Message) -> dict[str, MessageField]:
     return {one.key: one for one in message.fields}
 
 
-def _picture(one: Field) -> str:
+def _picture(one: MessageField) -> str:
     """Return what to call the images whose paths a field holds."""
     name = one.name.removesuffix("_path").removesuffix("_file")
     return "image" if name in ("path", "file", "img", "frame") else name
 
 
-def _levels(fields: Sequence[Field], path: tuple[Field, ...]) -> Iterable[tuple[tuple[Field, ...], dict[str, Field]]]:
+def _levels(
+    fields: Sequence[MessageField], path: tuple[MessageField, ...]
+) -> Iterable[tuple[tuple[MessageField, ...], dict[str, MessageField]]]:
     yield path, {one.key: one for one in fields}
     for one in fields:
         if one.message is not None and one.shape == ():
@@ -158,8 +160,8 @@ def _levels(fields: Sequence[Field], path: tuple[Field, ...]) -> Iterable[tuple[
 
 
 def _other_poses(
-    base: str, fields: Mapping[str, Field], path: tuple[Field, ...], found: Sequence[Derived]
-) -> Iterable[tuple[str, dict[str, tuple[Field, ...]]]]:
+    base: str, fields: Mapping[str, MessageField], path: tuple[MessageField, ...], found: Sequence[Derived]
+) -> Iterable[tuple[str, dict[str, tuple[MessageField, ...]]]]:
     """Yield the topics of poses that no convention made, and their fields: those of `tcp_pos` and `tcp_quat`."""
     used = [way for derived in found if derived.type == POSE for way in derived.fields.values()]
     shapes = {key: shape for key, one in fields.items() if (shape := vector_shape(one))}
@@ -174,9 +176,9 @@ def _other_poses(
 
 
 def _matching(
-    convention: Convention, fields: Mapping[str, Field], path: tuple[Field, ...]
-) -> dict[str, tuple[Field, ...]] | None:
-    roles: dict[str, tuple[Field, ...]] = {}
+    convention: Convention, fields: Mapping[str, MessageField], path: tuple[MessageField, ...]
+) -> dict[str, tuple[MessageField, ...]] | None:
+    roles: dict[str, tuple[MessageField, ...]] = {}
     for role, known in convention.names.items():
         wanted = ROLES[convention.type][role]
         if convention.shape is not None:
@@ -203,7 +205,7 @@ def _matching(
     return roles
 
 
-def _named(known: Sequence[str], fields: Mapping[str, Field]) -> Field | None:
+def _named(known: Sequence[str], fields: Mapping[str, MessageField]) -> MessageField | None:
     for name in known:
         if name.endswith("*"):
             found = [key for key in fields if key.startswith(name[:-1])]
@@ -260,11 +262,11 @@ def _without_names(metadata: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in metadata.items() if key != "joint_names"}
 
 
-def _way(message: Message, key: str, suffix: str) -> tuple[Field, ...]:
+def _way(message: Message, key: str, suffix: str) -> tuple[MessageField, ...]:
     fields = {one.key: one for one in message.fields}
     if key in fields:
         return (fields[key],)
-    way: list[Field] = []
+    way: list[MessageField] = []
     inner: Message | None = message
     for part in key.split("."):
         fields = {one.key: one for one in inner.fields} if inner is not None else {}
@@ -280,7 +282,7 @@ def _topic(topic: str, suffix: str) -> str:
     return suffix if suffix.startswith("/") else f"{topic}/{suffix}"
 
 
-def describe(one: Field) -> str:
+def describe(one: MessageField) -> str:
     """Say a field's type and shape."""
     if one.shape is None:
         return f"lists of {one.kind} whose length changes"

@@ -14,7 +14,7 @@ from ....errors import ConversionWarning
 from ....meaning import rotations, units
 from . import cameras, conventions, joints, stated_texts
 from .context import BadRows, Context, Load, Stated
-from .lossless import INTEGER, PRESENT, STATE, Field, Message
+from .lossless import INTEGER, PRESENT, STATE, Message, MessageField
 from .standard import Derived
 
 Array = npt.NDArray[Any]
@@ -36,7 +36,7 @@ def present(message: Message, column: Mapping[str, Column], derived: Derived, co
 
 
 def _is_there(
-    message: Message, column: Mapping[str, Column], way: Sequence[Field], count: int
+    message: Message, column: Mapping[str, Column], way: Sequence[MessageField], count: int
 ) -> npt.NDArray[np.bool_]:
     """Tell which rows have a field, [N]."""
     having = np.ones(count, np.bool_)
@@ -81,7 +81,7 @@ def build(
     return _BUILDERS[derived.type](Context(derived, rows, times, header, load, details), values)
 
 
-def _at(column: Mapping[str, Column], way: Sequence[Field], rows: Indices, count: int) -> Any:
+def _at(column: Mapping[str, Column], way: Sequence[MessageField], rows: Indices, count: int) -> Any:
     at: Any = column
     for one in way:
         at = at[one.name]
