@@ -39,17 +39,17 @@ def _dicts(definitions: Definitions, name: str, columns: dict[str, Column]) -> d
     fields = definitions.messages[name]
     if not columns:
         raise ValueError("a message without fields is no column")
-    found: dict[str, Any] = {}
+    arrays: dict[str, Any] = {}
     for key, column in columns.items():
         type_ = fields[key]
         if isinstance(type_, Named):
-            found[key] = _dicts(definitions, type_.name, column)
+            arrays[key] = _dicts(definitions, type_.name, column)
             continue
         array = _array(definitions, type_, column)
         if not is_shallow(array.type):
             raise ValueError(f"the field {key!r} is nested too deeply for Arrow")
-        found[key] = array
-    return found
+        arrays[key] = array
+    return arrays
 
 
 def _array(definitions: Definitions, type_: Type, column: Column) -> pa.Array:

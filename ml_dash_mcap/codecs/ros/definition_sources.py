@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from ...errors import EncodingError
 from . import definitions, distros, idl, interfaces
-from .definitions import Found
+from .definitions import LookedUp
 from .distros import Likely
 from .message_types import canonical
 
@@ -60,27 +60,28 @@ class Finder:
         """What the channel says of the message that is looked for."""
         return self._supply.digest
 
-    def __call__(self, name: str) -> Found | None:
+    def __call__(self, name: str) -> LookedUp | None:
         """Return what is known of a message; None if nothing is."""
         given = _given(self._given, canonical(name))
         if given is not None:
-            return Found(messages=idl.parse(name, given, find=self).messages) if is_idl(given) else Found(given)
+            return LookedUp(messages=idl.parse(name, given, find=self).messages) if is_idl(given) else LookedUp(given)
         from . import standard_types
 
         supply = self._supply
         digest = supply.digest if name == self._root else ""
         try:
-            found = standard_types.find(name, supply.likely, is_ros1=supply.is_ros1, digest=digest)
+            standard = standard_types.find(name, supply.likely, is_ros1=supply.is_ros1, digest=digest)
         except EncodingError as error:
             self.why = str(error)
             return None
-        if found.others:
+        if standard.others:
+            others = ", ".join(standard.others)
             self.guesses.append(
-                f"{name} is taken for that of {found.distro}; that of {', '.join(found.others)} has other fields, and"
-                " the recording does not say which it is"
+                f"{name} is taken for that of {standard.distro}; that of {others} has other fields, and the recording"
+                " does not say which it is"
             )
         self.borrowed.append(name)
-        return Found(found.text)
+        return LookedUp(standard.text)
 
 
 def _given(texts: Mapping[str, str], name: str) -> str | None:
@@ -106,7 +107,7 @@ def settled(name: str, text: str, supply: Supply) -> Supply:
 
     names = ("noetic",) if supply.is_ros1 else supply.likely.names
     for first in names:
-        rest = tuple(one for one in supply.likely.names if one != first)
+        rest = tuple(other for other in supply.likely.names if other != first)
         likely = supply.likely if supply.is_ros1 else Likely((first, *rest), 1)
         candidate = replace(supply, likely=likely, digest="")
         find = Finder(candidate, name)
@@ -140,10 +141,10 @@ def complete(name: str, schema_encoding: str, text: str, supply: Supply) -> tupl
     if given is not None:
         text, schema_encoding = given, "ros2idl" if is_idl(given) else language
     elif not text.strip():
-        found = find(canonical(name))
-        if found is None:
+        looked_up = find(canonical(name))
+        if looked_up is None:
             raise EncodingError(find.why)
-        text, schema_encoding = found.text, language
+        text, schema_encoding = looked_up.text, language
     if schema_encoding.endswith("idl"):
         return schema_encoding, text
     return schema_encoding, definitions.complete(name, text, is_ros1=supply.is_ros1, find=find)

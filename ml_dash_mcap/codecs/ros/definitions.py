@@ -44,7 +44,7 @@ _LINE = re.compile(
 )
 
 
-class Found(NamedTuple):
+class LookedUp(NamedTuple):
     """What is known of a message that a text uses and does not define."""
 
     text: str = ""
@@ -53,7 +53,7 @@ class Found(NamedTuple):
     """Or what the definition says, where it is in another language."""
 
 
-Find = Callable[[str], "Found | None"]
+Find = Callable[[str], "LookedUp | None"]
 """Looks up a message by its canonical name; None where nobody knows it."""
 
 
@@ -90,11 +90,13 @@ def complete(name: str, text: str, *, is_ros1: bool = False, find: Find = nowher
         EncodingError: It is no definition, or lacks one that nobody knows.
     """
     root = canonical(name)
-    there = _sections(root, text)
-    texts = _Texts(there, is_ros1, find)
+    sections = _sections(root, text)
+    texts = _Texts(sections, is_ros1, find)
     built_in = interfaces.KNOWN_ROS1 if is_ros1 else {}
-    lacking = [one for one in closure(root, texts.fields) if one not in there and one not in built_in]
-    return "".join([text, *(f"{_joint(text)}MSG: {one}\n{texts.text(one)}\n" for one in lacking)])
+    lacking = [
+        message for message in closure(root, texts.fields) if message not in sections and message not in built_in
+    ]
+    return "".join([text, *(f"{_joint(text)}MSG: {message}\n{texts.text(message)}\n" for message in lacking)])
 
 
 def _joint(text: str) -> str:
@@ -113,29 +115,29 @@ def closure(root: str, fields: Callable[[str], Fields]) -> dict[str, Fields]:
         current = waiting.pop()
         if current not in messages:
             messages[current] = fields(current)
-            innermost = [innermost_of(one) for one in messages[current].values()]
-            for one in innermost:
-                if isinstance(one, Undecoded):
-                    raise EncodingError(f"it has the type {one.name!r}, which cannot be decoded")
-            waiting += [one.name for one in innermost if isinstance(one, Named)]
+            innermost = [innermost_of(type_) for type_ in messages[current].values()]
+            for type_ in innermost:
+                if isinstance(type_, Undecoded):
+                    raise EncodingError(f"it has the type {type_.name!r}, which cannot be decoded")
+            waiting += [type_.name for type_ in innermost if isinstance(type_, Named)]
     return messages
 
 
 def _sections(root: str, text: str) -> dict[str, list[str]]:
     """Return each message's own texts by its name: more than one if it is defined again."""
-    found: dict[str, list[str]] = {}
+    texts: dict[str, list[str]] = {}
     current, lines = root, list[str]()
     for line in [*_lines(text), "==="]:
         stripped = line.strip(_BLANKS)
         header = _HEADER.fullmatch(stripped)
         if _SEPARATOR.fullmatch(stripped):
-            _add(found, current, lines)
+            _add(texts, current, lines)
             current, lines = "", []
         elif header and not any(lines):
             current = canonical(header[1])
         else:
             lines.append(stripped)
-    return found
+    return texts
 
 
 def _lines(text: str) -> list[str]:
@@ -143,7 +145,7 @@ def _lines(text: str) -> list[str]:
     return text.split("\n" if "\n" in text else "\r")
 
 
-def _add(found: dict[str, list[str]], name: str, lines: list[str]) -> None:
+def _add(texts: dict[str, list[str]], name: str, lines: list[str]) -> None:
     if not name and any(lines):
         raise EncodingError(f"a section without a line 'MSG: package/Name' above {next(filter(None, lines))!r}")
     if _PART in lines:
@@ -154,12 +156,12 @@ def _add(found: dict[str, list[str]], name: str, lines: list[str]) -> None:
             else:
                 parts[-1].append(line)
         for part, text in interfaces.parts(name, ["\n".join(part) for part in parts]).items():
-            found.setdefault(part, []).append(text)
+            texts.setdefault(part, []).append(text)
     elif name:
         text = "\n".join(lines)
-        known = found.setdefault(name, [])
-        if text not in known:
-            known.append(text)
+        own = texts.setdefault(name, [])
+        if text not in own:
+            own.append(text)
 
 
 class _Texts:
@@ -223,14 +225,14 @@ class _Texts:
             self._add({message: self._texts[same[0]]})
             return True
         text = self._built_in.get(message)
-        found = Found(text) if text is not None else self._find(message)
-        if found is None and (text := interfaces.around(message, self._texts)) is not None:
-            found = Found(text)
-        if found is None:
+        looked_up = LookedUp(text) if text is not None else self._find(message)
+        if looked_up is None and (text := interfaces.around(message, self._texts)) is not None:
+            looked_up = LookedUp(text)
+        if looked_up is None:
             return False
-        self._messages.update({name: fields for name, fields in found.messages.items() if name not in self._texts})
-        if not found.messages:
-            self._add(_sections(message, found.text))
+        self._messages.update({name: fields for name, fields in looked_up.messages.items() if name not in self._texts})
+        if not looked_up.messages:
+            self._add(_sections(message, looked_up.text))
         return message in self._texts or message in self._messages
 
     def _fields(self, message: str, text: str) -> Fields:
@@ -238,15 +240,15 @@ class _Texts:
         for line in text.split("\n"):
             if not line or line.startswith("#"):
                 continue
-            found = _LINE.fullmatch(line)
-            if found is None:
+            match = _LINE.fullmatch(line)
+            if match is None:
                 raise EncodingError(f"{message} has the line {line!r}, which is neither a field nor a constant")
-            if found["rest"].startswith("="):
+            if match["rest"].startswith("="):
                 continue
-            name = found["name"]
+            name = match["name"]
             if name in fields:
                 raise EncodingError(f"{message} has two fields {name!r}")
-            fields[name] = _with_length(self._resolve(found["type"], message), found["array"])
+            fields[name] = _with_length(self._resolve(match["type"], message), match["array"])
         return fields
 
     def _resolve(self, type_: str, message: str) -> Type:

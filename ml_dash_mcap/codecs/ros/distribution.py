@@ -27,8 +27,8 @@ def likely(channel: Channel, records: Iterable[Metadata], path: Path) -> Likely:
     """
     name, version = channel.metadata.get(CHANNEL_KEY), None
     for values in (record.values for record in records if name is None and record.name == distros.RECORD):
-        stated, found = distros.in_metadata(values.get(distros.TEXT_KEY, ""))
-        name, version = values.get(distros.DISTRO_KEY) or stated or name, found or version
+        stated, stated_version = distros.in_metadata(values.get(distros.TEXT_KEY, ""))
+        name, version = values.get(distros.DISTRO_KEY) or stated or name, stated_version or version
     if name is None and version is None:
         name, version = distros.in_metadata(_beside(path))
     return distros.likely(name, version)

@@ -58,8 +58,8 @@ def likely(name: str | None = None, version: int | None = None) -> Likely:
     stated = (name or "").lower()
     first = (stated,) if stated in NAMES else OF_VERSION.get(version or 0, ())
     at = NAMES.index(first[-1] if first else _UNKNOWN)
-    near = sorted(NAMES, key=lambda one: (abs(NAMES.index(one) - at), -NAMES.index(one)))
-    return Likely((*first, *(one for one in near if one not in first)), len(first) or len(NAMES))
+    near = sorted(NAMES, key=lambda distro: (abs(NAMES.index(distro) - at), -NAMES.index(distro)))
+    return Likely((*first, *(distro for distro in near if distro not in first)), len(first) or len(NAMES))
 
 
 def in_metadata(text: str) -> tuple[str | None, int | None]:

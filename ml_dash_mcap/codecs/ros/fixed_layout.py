@@ -37,11 +37,11 @@ class FixedLayouts:
 
     def least(self, type_: Type) -> int:
         """Return how many bytes a value takes at least, without padding."""
-        found = self._least.get(type_)
-        if found is None:
+        least = self._least.get(type_)
+        if least is None:
             self._least[type_] = 1  # of a message in itself, by way of a list
-            found = self._least[type_] = min(self._least_of(type_), _MOST_BYTES)
-        return found
+            least = self._least[type_] = min(self._least_of(type_), _MOST_BYTES)
+        return least
 
     def offsets(self, type_: Type, residue: int, count: int) -> Indices:
         """Return where each of some values lies, and the end of the last one, counted from the start of the first.

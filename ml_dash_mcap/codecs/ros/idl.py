@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from ...errors import EncodingError
 from . import definitions, interfaces
-from .definitions import Find, Found, closure, nowhere
+from .definitions import Find, LookedUp, closure, nowhere
 from .message_types import (
     APPENDABLE,
     MUTABLE,
@@ -114,19 +114,19 @@ class _Parser:
         Raises:
             EncodingError: There is no such struct.
         """
-        found: dict[str, Type] = {}
+        members: dict[str, Type] = {}
         current: str | None = message
         seen: set[str] = set()
         while current is not None:
             own = self._own_fields(current)
             if current in seen or len(seen) > _MOST_BASES:
                 raise EncodingError(f"{message} has itself for a base, or too many of them")
-            if double := found.keys() & own.keys():
+            if double := members.keys() & own.keys():
                 raise EncodingError(f"{message} has two fields {min(double)!r}")
-            found = {**own, **found}
+            members = {**own, **members}
             seen.add(current)
             current = self._bases.get(current)
-        return found
+        return members
 
     def _own_fields(self, message: str) -> Fields:
         if message in self._structs:
@@ -136,17 +136,17 @@ class _Parser:
         if len(same) == 1:
             return self._structs[same[0]]
         text = interfaces.KNOWN.get(message) or interfaces.around(message, self._structs)
-        found = Found(text) if text is not None else self._find(message)
-        if found is None:
+        looked_up = LookedUp(text) if text is not None else self._find(message)
+        if looked_up is None:
             raise EncodingError(f"it does not define {message}")
-        if message in found.messages:
-            return found.messages[message]
-        return definitions.parse(message, found.text, find=self._known).messages[message]
+        if message in looked_up.messages:
+            return looked_up.messages[message]
+        return definitions.parse(message, looked_up.text, find=self._known).messages[message]
 
-    def _known(self, message: str) -> Found | None:
+    def _known(self, message: str) -> LookedUp | None:
         """Look up a message for a text that was looked up."""
         if message in self._structs:
-            return Found(messages={message: self.fields(message)})
+            return LookedUp(messages={message: self.fields(message)})
         return self._find(message)
 
     # -- tokens --------------------------------------------------------------------------------------------------------
@@ -208,21 +208,21 @@ class _Parser:
 
     def _annotations(self) -> dict[str, str]:
         """Read annotations; returns their names in lower case, and the first word or number of what is in brackets."""
-        found: dict[str, str] = {}
+        arguments: dict[str, str] = {}
         while self._takes("@"):
             name = self._scoped()[-1].lower()
-            found[name] = ""
+            arguments[name] = ""
             if self._takes("("):
-                found[name] = self._token.lower()
+                arguments[name] = self._token.lower()
                 self._skip("(", ")")
-        return found
+        return arguments
 
     def _struct(self, scoped: Scope, annotations: Mapping[str, str]) -> None:
         message = canonical("/".join(scoped))
         self._named[scoped] = Named(message)
         if self._token == ";":
             return  # only announced
-        kinds = [_KINDS[one] for one in (annotations.get("extensibility", ""), *annotations) if one in _KINDS]
+        kinds = [_KINDS[name] for name in (annotations.get("extensibility", ""), *annotations) if name in _KINDS]
         if kinds:
             self.extensibility[message] = kinds[0]
         if self._takes(":"):
@@ -321,9 +321,9 @@ class _Parser:
             return number
         name = self._scoped()
         for at in range(len(scope), -1, -1):
-            found = self._constants.get((*scope[:at], *name))
-            if found is not None:
-                return found
+            constant = self._constants.get((*scope[:at], *name))
+            if constant is not None:
+                return constant
         raise EncodingError(f"its IDL has the length {'::'.join(name)}, which is no plain number or constant")
 
     def _scoped(self) -> Scope:
@@ -342,9 +342,9 @@ class _Parser:
 
 
 def _tokens(text: str) -> Iterator[str]:
-    for found in _TOKEN.finditer(text):
-        if found.lastgroup:
-            yield found.group()
+    for match in _TOKEN.finditer(text):
+        if match.lastgroup:
+            yield match.group()
 
 
 def _integer(token: str) -> int | None:

@@ -53,9 +53,9 @@ def parts(name: str, sections: Sequence[str]) -> dict[str, str]:
         return {**_named(base, _SERVICE, sections), f"{base}_Event": _event(base)}
     if len(sections) == len(_ACTION):
         services = {"SendGoal", "GetResult"}
-        base = _without_suffix(name, (*(f"{one}_Event" for one in services), *_AROUND_AN_ACTION, *_ACTION))
+        base = _without_suffix(name, (*(f"{service}_Event" for service in services), *_AROUND_AN_ACTION, *_ACTION))
         around = {f"{base}_{suffix}": text.format(base) for suffix, text in _AROUND_AN_ACTION.items()}
-        events = {f"{base}_{one}_Event": _event(f"{base}_{one}") for one in services}
+        events = {f"{base}_{service}_Event": _event(f"{base}_{service}") for service in services}
         return {**_named(base, _ACTION, sections), **around, **events}
     raise EncodingError(f"{len(sections)} parts between lines of ---; a service has 2 and an action 3")
 

@@ -94,17 +94,17 @@ def definition(name: str, schema_encoding: str, text: str, supply: Supply = _NOT
         text_of_recording = False
     try:
         if schema_encoding.endswith("idl") or is_idl(text):
-            found = idl.parse(name, text, is_ros=schema_encoding != "omgidl", find=find)
+            described = idl.parse(name, text, is_ros=schema_encoding != "omgidl", find=find)
         else:
-            found = definitions.parse(name, text, is_ros1=schema_encoding == "ros1msg", find=find)
+            described = definitions.parse(name, text, is_ros1=schema_encoding == "ros1msg", find=find)
             if find.borrowed and text_of_recording and supply.digest:
                 return definition(name, schema_encoding, text, settled(name, text, supply))
-        found = replace(found, guesses=tuple(find.guesses))
+        described = replace(described, guesses=tuple(find.guesses))
         wire = ROS1 if supply.is_ros1 or schema_encoding == "ros1msg" else CDR
-        _reader(found, replace(wire, is_version_2=True) if found.has_optional() else wire)
+        _reader(described, replace(wire, is_version_2=True) if described.has_optional() else wire)
     except RecursionError as error:
         raise EncodingError(f"{name} is made of more messages in messages than can be followed") from error
-    return found
+    return described
 
 
 def _language(supply: Supply, otherwise: str) -> str:
@@ -117,9 +117,9 @@ def _looked_up(find: Finder, name: str, schema_encoding: str) -> str:
     Raises:
         EncodingError: Nobody knows it, and it is not known to be empty.
     """
-    found = find(canonical(name))
-    if found is not None:
-        return found.text
+    looked_up = find(canonical(name))
+    if looked_up is not None:
+        return looked_up.text
     if find.digest not in ("", _MD5_OF_NOTHING) or not schema_encoding:
         raise EncodingError(find.why)
     return ""
@@ -128,13 +128,13 @@ def _looked_up(find: Finder, name: str, schema_encoding: str) -> str:
 class _How(NamedTuple):
     """What the messages of a definition are decoded with."""
 
-    found: Definitions
+    definitions: Definitions
     replaced: Callable[[], object]
     misfit: Misfit
 
     def again(self, wire: Wire, payload: bytes, at: int, default: str = "final") -> tuple[Any, int]:
         """Read a message with a text that is no UTF-8; returns its row and the place behind it."""
-        read = _reader(self.found, wire, default, True)(payload, at)
+        read = _reader(self.definitions, wire, default, True)(payload, at)
         self.replaced()
         return read
 
@@ -145,7 +145,7 @@ def _refuse(payload: bytes, why: ValueError) -> Row:
 
 def _ros1(how: _How) -> Decoder:
     """Decode ROS 1's format."""
-    read = _reader(how.found, ROS1)
+    read = _reader(how.definitions, ROS1)
 
     def decode(payload: bytes) -> Any:
         try:
@@ -165,8 +165,8 @@ def _ros1(how: _How) -> Decoder:
 
 def _cdr(how: _How) -> Decoder:
     """Decode CDR, in the form that the message says."""
-    is_empty = not how.found.messages[how.found.root]
-    little = None if how.found.has_optional() else _reader(how.found, CDR)
+    is_empty = not how.definitions.messages[how.definitions.root]
+    little = None if how.definitions.has_optional() else _reader(how.definitions, CDR)
 
     def decode(payload: bytes) -> Any:
         try:
@@ -199,10 +199,10 @@ def _other_cdr(how: _How, payload: bytes) -> Row:
         raise ValueError(f"it starts with {payload[:CDR_HEAD_BYTES]!r}, which announces {kind}, no plain CDR")
     rows: list[Row] = []
     why: Exception | None = None
-    for default in _defaults(how.found, head, wire):
+    for default in _defaults(how.definitions, head, wire):
         try:
             try:
-                row, end = _reader(how.found, wire, default)(payload, CDR_HEAD_BYTES)
+                row, end = _reader(how.definitions, wire, default)(payload, CDR_HEAD_BYTES)
             except UnicodeDecodeError:
                 row, end = how.again(wire, payload, CDR_HEAD_BYTES, default)
             if not end <= len(payload) <= end + CDR_PADDING:
@@ -218,7 +218,7 @@ def _other_cdr(how: _How, payload: bytes) -> Row:
     return rows[0]
 
 
-def _defaults(found: Definitions, head: bytes, wire: Wire) -> Sequence[str]:
+def _defaults(definitions: Definitions, head: bytes, wire: Wire) -> Sequence[str]:
     """Return what messages may be whose definition does not say whether they are appendable.
 
     Raises:
@@ -227,20 +227,20 @@ def _defaults(found: Definitions, head: bytes, wire: Wire) -> Sequence[str]:
     if not wire.is_version_2:
         return ("final",)
     root = APPENDABLE if head in DELIMITED else "final"
-    stated = found.extensibility.get(found.root)
+    stated = definitions.extensibility.get(definitions.root)
     if stated is None:
         return (root,)
     if stated != root:
         raise ValueError(f"it starts with {head!r}, which announces a message that is {root}, and it is {stated}")
-    return (root,) if found.extensibility.keys() >= found.messages.keys() else ("final", APPENDABLE)
+    return (root,) if definitions.extensibility.keys() >= definitions.messages.keys() else ("final", APPENDABLE)
 
 
-def _reader(found: Definitions, wire: Wire, default: str = "final", replaces: bool = False) -> Read:
+def _reader(definitions: Definitions, wire: Wire, default: str = "final", replaces: bool = False) -> Read:
     """Return the reader of a message, which is compiled once."""
     key = (wire, default, replaces)
-    read = found.readers.get(key)
+    read = definitions.readers.get(key)
     if read is None:
-        read = found.readers[key] = reader(found, wire, default=default, replaces=replaces)
+        read = definitions.readers[key] = reader(definitions, wire, default=default, replaces=replaces)
     return read
 
 

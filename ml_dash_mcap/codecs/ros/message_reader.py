@@ -119,14 +119,14 @@ class _Compiler:
         if self.smallest(type_):
             return 0
         if isinstance(type_, Array):
-            found = 1 + (type_.length or 0) * self.weight(type_.of)
+            count = 1 + (type_.length or 0) * self.weight(type_.of)
         else:
             fields = self.definitions.messages[type_.name] if isinstance(type_, Named) else {}
-            found = 1 + sum(self.weight(one) for one in fields.values())
-        if found > MOST_NOTHINGS:
+            count = 1 + sum(self.weight(field) for field in fields.values())
+        if count > MOST_NOTHINGS:
             what = type_.name if isinstance(type_, Named) else type_
-            raise EncodingError(f"it has {what}, which are {found} values that take no bytes")
-        return found
+            raise EncodingError(f"it has {what}, which are {count} values that take no bytes")
+        return count
 
     def smallest(self, type_: Type) -> int:
         """Return how many bytes a value of a type has at least, without padding."""
@@ -140,7 +140,7 @@ class _Compiler:
             self._sizes[type_.name] = 1  # of a message in itself, which is refused later
             fields = self.definitions.messages[type_.name]
             least = (1 if self.has_placeholders and not fields else 0) + 4 * self.has_size(type_.name)
-            self._sizes[type_.name] = least + sum(self.smallest(one) for one in fields.values())
+            self._sizes[type_.name] = least + sum(self.smallest(field) for field in fields.values())
         return self._sizes[type_.name]
 
 
@@ -183,7 +183,7 @@ class _Body:
             raise EncodingError(f"{name} has a {name} in itself")
         fields = self._compiler.definitions.messages[name]
         end = self._sized() if self._compiler.has_size(name) else ""
-        values = {key: self.value(one, (*inside, name)) for key, one in fields.items()}
+        values = {key: self.value(field, (*inside, name)) for key, field in fields.items()}
         if self._compiler.has_placeholders and not fields:
             self._numbers("uint8", None)
         if end:

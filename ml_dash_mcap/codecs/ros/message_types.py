@@ -119,7 +119,9 @@ class Definitions:
 
     def has_optional(self) -> bool:
         """Whether a field of any message may be absent."""
-        return any(isinstance(one, Optional) for fields in self.messages.values() for one in fields.values())
+        return any(
+            isinstance(field_type, Optional) for fields in self.messages.values() for field_type in fields.values()
+        )
 
 
 def canonical(name: str) -> str:

@@ -117,13 +117,13 @@ class _Packer:
 
     def _put_same(self, type_: Type, column: Constant) -> None:
         """Put what all messages have, by way of one message."""
-        one = _Packer(self.definitions, 1, None, self.place, self.is_ros1)
-        one.origin = self.origin
-        one.put(type_, column)
-        assert isinstance(one.place, int)
-        for _, place, data in one.pieces:
+        single = _Packer(self.definitions, 1, None, self.place, self.is_ros1)
+        single.origin = self.origin
+        single.put(type_, column)
+        assert isinstance(single.place, int)
+        for _, place, data in single.pieces:
             self.pieces.append(_PackedValues(self.rows, place, data if isinstance(data, bytes) else data.tobytes()))
-        self.place = one.place
+        self.place = single.place
 
     def _array(self, type_: Array, column: Column) -> None:
         numbers = numbers_in(type_)

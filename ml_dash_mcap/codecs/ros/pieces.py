@@ -49,11 +49,11 @@ def _text_aligned(errors: str) -> Callable[[bytes, int, int], str]:
 
 def elements(read: Callable[[bytes, int], tuple[Any, int]], data: bytes, at: int, count: int) -> tuple[list[Any], int]:
     """Read values one by one; returns them and the place behind them."""
-    found = []
+    values = []
     for _ in range(count):
         value, at = read(data, at)
-        found.append(value)
-    return found, at
+        values.append(value)
+    return values, at
 
 
 def nothings(
@@ -81,13 +81,13 @@ def _texts_packed(errors: str) -> Callable[[bytes, int, int], tuple[list[str], i
     text = _text_packed(errors)
 
     def texts(data: bytes, at: int, count: int) -> tuple[list[str], int]:
-        found = []
+        values = []
         for _ in range(count):
             (length,) = _LITTLE(data, at)
             at += 4
-            found.append(text(data, at, length))
+            values.append(text(data, at, length))
             at += length
-        return found, at
+        return values, at
 
     return texts
 
@@ -96,15 +96,15 @@ def _texts_aligned(unpack: _UnpackFrom, errors: str) -> Callable[[bytes, int, in
     text = _text_aligned(errors)
 
     def texts(data: bytes, at: int, count: int) -> tuple[list[str], int]:
-        found, size = [], len(data)
+        values, size = [], len(data)
         for _ in range(count):
             start = (at + 3 & -4) + 4
             (length,) = unpack(data, start - 4)
             at = start + length
             if at > size or (length and data[at - 1]):
                 text(data, start, length)  # which says what is wrong
-            found.append(data[start : at - 1].decode("utf-8", errors))
-        return found, at
+            values.append(data[start : at - 1].decode("utf-8", errors))
+        return values, at
 
     return texts
 

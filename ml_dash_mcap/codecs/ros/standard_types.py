@@ -10,7 +10,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from ...errors import EncodingError
-from . import distros
 from .distros import Likely
 
 _TF = "tf2_msgs/msg/TFMessage"
@@ -30,21 +29,21 @@ class Definition(NamedTuple):
 @cache
 def store(*, is_ros1: bool = False) -> Typestore:
     """Return the standard messages of a generation of ROS."""
-    found = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_JAZZY)
+    types = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_JAZZY)
     for name in (_TF, _TF_OLD) if is_ros1 else ():  # which rosbags lacks
-        found.register(get_types_from_msg(_TF_TEXT, name))
-    return found
+        types.register(get_types_from_msg(_TF_TEXT, name))
+    return types
 
 
 @cache
 def definition(name: str, *, is_ros1: bool = False) -> Definition:
     """Return how a bag describes a standard message."""
-    found = store(is_ros1=is_ros1)
-    text, md5 = found.generate_msgdef(name, ros_version=1 if is_ros1 else 2)
-    return Definition(text, md5 if is_ros1 else found.hash_rihs01(name))
+    types = store(is_ros1=is_ros1)
+    text, md5 = types.generate_msgdef(name, ros_version=1 if is_ros1 else 2)
+    return Definition(text, md5 if is_ros1 else types.hash_rihs01(name))
 
 
-class Known(NamedTuple):
+class StandardDefinition(NamedTuple):
     """A standard message as a distribution of ROS has it."""
 
     text: str
@@ -54,16 +53,7 @@ class Known(NamedTuple):
     """The distributions that it may as well be of, and that have other fields."""
 
 
-def known(name: str, *, distro: str | None = None, is_ros1: bool = False, digest: str = "") -> str:
-    """Return the definition of a standard message, for bags that do not have it: `find` for those that know no more.
-
-    Raises:
-        EncodingError: No distribution has it.
-    """
-    return find(name, distros.likely(distro), is_ros1=is_ros1, digest=digest).text
-
-
-def find(name: str, likely: Likely, *, is_ros1: bool = False, digest: str = "") -> Known:
+def find(name: str, likely: Likely, *, is_ros1: bool = False, digest: str = "") -> StandardDefinition:
     """Return the definition of a standard message, for bags that do not have it.
 
     Args:
@@ -79,28 +69,30 @@ def find(name: str, likely: Likely, *, is_ros1: bool = False, digest: str = "") 
     full = f"{parts[0]}/msg/{parts[-1]}"
     if is_ros1:
         return _find_ros1(full, digest)
-    having = [one for one in likely.names if full in _distribution(one).fielddefs]
+    having = [distro for distro in likely.names if full in _distribution(distro).fielddefs]
     if not having:
         raise EncodingError("the recording does not define it, and it is no standard message")
     if digest.startswith(_RIHS):
-        same = [one for one in having if _rihs(one, full) == digest]
+        same = [distro for distro in having if _rihs(distro, full) == digest]
         if not same:
             raise EncodingError(f"the recording does not define it, and no distribution has one with the hash {digest}")
-        return Known(_text(same[0], full), same[0], ())
+        return StandardDefinition(_text(same[0], full), same[0], ())
     chosen = having[0]
     layout = _layout(chosen, full)
-    others = [one for one in likely.names[: likely.certain] if one in having and _layout(one, full) != layout]
-    return Known(_text(chosen, full), chosen, tuple(others))
+    others = [
+        distro for distro in likely.names[: likely.certain] if distro in having and _layout(distro, full) != layout
+    ]
+    return StandardDefinition(_text(chosen, full), chosen, tuple(others))
 
 
-def _find_ros1(full: str, digest: str) -> Known:
-    found = store(is_ros1=True)
-    if full not in found.fielddefs:
+def _find_ros1(full: str, digest: str) -> StandardDefinition:
+    types = store(is_ros1=True)
+    if full not in types.fielddefs:
         raise EncodingError("the recording does not define it, and it is no standard message of ROS 1")
-    text, md5 = found.generate_msgdef(full, ros_version=1)
+    text, md5 = types.generate_msgdef(full, ros_version=1)
     if digest not in ("", "*", md5):
         raise EncodingError(f"the recording does not define it, and that of Noetic has the MD5 sum {md5}, not {digest}")
-    return Known(text, "noetic", ())
+    return StandardDefinition(text, "noetic", ())
 
 
 _RIHS = "RIHS01_"
@@ -127,14 +119,14 @@ def _rihs(distro: str, full: str) -> str:
 @cache
 def _layout(distro: str, full: str) -> Any:
     """Return what a message is made of, without its constants: the same for two if they have the same bytes."""
-    found = _distribution(distro)
+    types = _distribution(distro)
 
     def described(kind: Any, what: Any) -> Any:
         if int(kind) == 2:
             return _layout(distro, what)
         return (int(kind), what) if int(kind) == 1 else (int(kind), described(*what[0]), what[1])
 
-    return tuple((field, described(*what)) for field, what in found.fielddefs[full][1])
+    return tuple((field, described(*what)) for field, what in types.fielddefs[full][1])
 
 
 def digest_of_others(name: str, text: str, *, is_ros1: bool = False) -> str | None:

@@ -120,4 +120,6 @@ def batches(file: BagFile, wanted: Collection[Connection]) -> Iterator[Connectio
     for block in file.blocks(numbers):
         for number in np.unique(block.channels).tolist():
             part = block.pick(np.flatnonzero(block.channels == number))
-            yield ConnectionBatch(file.channels[number], part.times_ns.tolist(), [bytes(one) for one in part.payloads])
+            yield ConnectionBatch(
+                file.channels[number], part.times_ns.tolist(), [bytes(payload) for payload in part.payloads]
+            )

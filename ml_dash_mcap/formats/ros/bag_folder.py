@@ -92,9 +92,9 @@ class Folder:
             candidates.append(self.path / PurePosixPath(name).name)
         for file in candidates:
             other = file.with_name(file.name.removesuffix(ZSTD) if file.name.endswith(ZSTD) else file.name + ZSTD)
-            for one in (file, other):
-                if one.is_file() and one.resolve().is_relative_to(self.path.resolve()):
-                    return one
+            for path in (file, other):
+                if path.is_file() and path.resolve().is_relative_to(self.path.resolve()):
+                    return path
         inside = candidates[0].resolve().is_relative_to(self.path.resolve())
         what = "is named in metadata.yaml and missing" if inside else "lies outside the bag's folder"
         raise MissingRecordingError(errno.ENOENT, f"a file of the bag {what}", str(candidates[0]))
@@ -138,13 +138,13 @@ class FolderBag:
         compression = information.compression_format
         if self._mode == "message" and compression not in ("", "zstd"):
             raise EncodingError(f"{path}: its messages are compressed by {compression!r}; only zstd is known here")
-        found: dict[Connection, None] = {}
+        channels: dict[Connection, None] = {}
         self.count = 0
         self._closed_files: dict[Path, Exception] = {}
         """Files that cannot be opened, which are left out."""
         try:
             for file in self.files():
-                found.update(dict.fromkeys(file.channels.values()))
+                channels.update(dict.fromkeys(file.channels.values()))
                 self.count += file.count
                 self._look(file)
             self._name_closed_files()
@@ -152,7 +152,7 @@ class FolderBag:
         except BaseException:
             self.close()
             raise
-        self.channels = list(found)
+        self.channels = list(channels)
 
     def files(self) -> Iterator[BagFile]:
         """Open the files one after the other; each is closed when the next one is asked for."""

@@ -57,7 +57,7 @@ class Images:
             ways: To each of the fields with paths, from the row inwards.
         """
         total = 0
-        keys = [[one.key for one in way] for way in ways]
+        keys = [[field.key for field in way] for way in ways]
         for number, row in enumerate(rows):
             total += sum(self._size(_value(row, way)) for way in keys)
             if total > _PORTION_BYTES and number:

@@ -39,13 +39,13 @@ class RosbagReadOptions:
     """How much memory its MCAP files may ask for; None for the defaults."""
 
     def __post_init__(self) -> None:
-        for name, value, known in (
+        for name, value, choices in (
             ("encoding", self.encoding, (None, "ros", "json")),
             ("time", self.time, ("log", "header")),
             ("on_damage", self.on_damage, ("raise", "skip")),
         ):
-            if value not in known:
-                raise OptionError(f"{name}={value!r}: it must be one of {', '.join(map(repr, known))}")
+            if value not in choices:
+                raise OptionError(f"{name}={value!r}: it must be one of {', '.join(map(repr, choices))}")
         if self.time == "header" and self.encoding == "ros":
             raise OptionError(
                 "time='header' makes rows with other times than their messages have, encoding='ros' makes none"
@@ -80,12 +80,12 @@ class RosbagWriteOptions:
 
     def __post_init__(self) -> None:
         ros_names.check_package(self.package)
-        for name, value, known in (
+        for name, value, choices in (
             ("profile", self.profile, ("std+lossless", "std", "lossless", "json")),
             ("on_bad", self.on_bad, ("raise", "lossless")),
         ):
-            if value not in known:
-                raise OptionError(f"{name}={value!r}: it must be one of {', '.join(map(repr, known))}")
+            if value not in choices:
+                raise OptionError(f"{name}={value!r}: it must be one of {', '.join(map(repr, choices))}")
         if self.mapping is not None and not isinstance(self.mapping, Mapping):
             raise OptionError(f"mapping={self.mapping!r}: pass a dict of topics")
         is_number = isinstance(self.time_offset, (int, float)) and not isinstance(self.time_offset, bool)
@@ -105,9 +105,9 @@ class Rosbag1WriteOptions(RosbagWriteOptions):
     """Of the bag's chunks."""
 
     def __post_init__(self) -> None:
-        known = ("none", "bz2", "lz4")
-        if self.compression not in known:
-            raise OptionError(f"compression={self.compression!r}: it must be one of {', '.join(map(repr, known))}")
+        choices = ("none", "bz2", "lz4")
+        if self.compression not in choices:
+            raise OptionError(f"compression={self.compression!r}: it must be one of {', '.join(map(repr, choices))}")
         super().__post_init__()
 
 
@@ -133,8 +133,8 @@ class Rosbag2WriteOptions(RosbagWriteOptions):
             raise OptionError(f"split_bytes={size!r}: it must be None or more than 0 bytes")
         compressions = ("zstd", "lz4", "none") if self.storage == "mcap" else ("none",)
         if self.compression is not None and self.compression not in compressions:
-            known = ", ".join(map(repr, compressions))
+            choices = ", ".join(map(repr, compressions))
             raise OptionError(
-                f"compression={self.compression!r}: it must be None or {known} with storage={self.storage!r}"
+                f"compression={self.compression!r}: it must be None or {choices} with storage={self.storage!r}"
             )
         super().__post_init__()

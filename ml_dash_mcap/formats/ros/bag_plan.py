@@ -73,7 +73,7 @@ class TopicPlan:
     @property
     def paths(self) -> list[tuple[MessageField, ...]]:
         """The ways to the fields whose texts are the paths of images to embed."""
-        fields = [one.fields["data"] for one, _ in self.derived if one.type == conventions.COMPRESSED]
+        fields = [derived.fields["data"] for derived, _ in self.derived if derived.type == conventions.COMPRESSED]
         return [way for way in fields if way[-1].kind == "string"]
 
 
@@ -115,7 +115,7 @@ class Planner:
         """
         self.outlets = []
         called: dict[str, str] = {}
-        others = {one.topic for one in self._others}
+        others = {outlet.topic for outlet in self._others}
         for topic in shapes:  # first of all, so that no standard message takes a name of ours
             called[topic] = names.topic(topic, {*called.values(), *others})
         taken_types: set[str] = set()
@@ -146,7 +146,7 @@ class Planner:
             text = lossless_definitions.embedded(message, settings.package, is_ros1=settings.is_ros1)
             digest = standard_types.digest(type_, text, is_ros1=settings.is_ros1)
             own = self._outlet(called, type_, text, digest)
-        derived = [(one, self._standard(one)) for one in wanted]
+        derived = [(message, self._standard(message)) for message in wanted]
         if own is None and not derived and rows.kinds:
             self.warn(f"topic {topic!r}: no standard message says what its fields hold; profile='std' leaves it out")
         return TopicPlan(topic, message, own, tuple(derived))
@@ -154,19 +154,19 @@ class Planner:
     def _about(self, topic: str, wanted: list[Derived]) -> dict[str, Any]:
         """Return what a message's definition says besides its fields, in bags that have no other place for it too."""
         info = self._job.topics[topic]
-        said: dict[str, Any] = {"topic": topic}
+        about: dict[str, Any] = {"topic": topic}
         kind = self._job.stored(topic).kind
         if kind != TRACK:
-            said["kind"] = kind or MESSAGE
+            about["kind"] = kind or MESSAGE
         if info.description is not None:
-            said["description"] = info.description
+            about["description"] = info.description
         if info.tags:
-            said["tags"] = list(info.tags)
+            about["tags"] = list(info.tags)
         if info.metadata:
-            said["metadata"] = dict(info.metadata)
+            about["metadata"] = dict(info.metadata)
         if wanted:
-            said["derived"] = [one.topic for one in wanted]
-        return said
+            about["derived"] = [derived.topic for derived in wanted]
+        return about
 
     def _wanted(self, topic: str, message: Message, called: str, taken: set[str]) -> list[Derived]:
         settings = self._settings
@@ -177,42 +177,44 @@ class Planner:
             raise OptionError(
                 f"mapping of the topic {topic!r} is {mapping!r}: pass a dict of standard messages, or None"
             )
-        said = self.metadata[topic]
+        metadata = self.metadata[topic]
         try:
             wanted = standard.derive(
-                message, called, said, mapping, tf=settings.tf, embeds=settings.embed_images is not False
+                message, called, metadata, mapping, tf=settings.tf, embeds=settings.embed_images is not False
             )
         except ConversionError as error:
             raise ConversionError(f"topic {topic!r}: {error}") from error
         self._check_units(topic)
-        found = []
-        for one in wanted:
-            why = underivable.check(one)
-            ragged = underivable.ragged_role(one)
+        writable = []
+        for derived in wanted:
+            why = underivable.check(derived)
+            ragged = underivable.ragged_role(derived)
             where = (
-                f"topic {topic!r}" if ragged is None else f"topic {topic!r}{self._uneven(topic, one.fields[ragged])}"
+                f"topic {topic!r}"
+                if ragged is None
+                else f"topic {topic!r}{self._uneven(topic, derived.fields[ragged])}"
             )
             if why is not None and settings.on_bad == "raise":
-                suffix = one.topic.removeprefix(f"{called}/")
+                suffix = derived.topic.removeprefix(f"{called}/")
                 raise ConversionError(
-                    f"{where}: {why}, so {one.topic} cannot be written; pass mapping={{{topic!r}: {{{suffix!r}:"
+                    f"{where}: {why}, so {derived.topic} cannot be written; pass mapping={{{topic!r}: {{{suffix!r}:"
                     " None}} to leave it out, or on_bad='lossless' to leave out all such with a warning"
                 )
-            is_taken = one.topic in taken and not (one.type == conventions.TF and one.topic == "/tf")
-            if is_taken and one.is_asked and settings.on_bad == "raise":
-                raise ConversionError(f"topic {topic!r}: mapping of {one.topic!r}: another topic has that name")
+            is_taken = derived.topic in taken and not (derived.type == conventions.TF and derived.topic == "/tf")
+            if is_taken and derived.is_asked and settings.on_bad == "raise":
+                raise ConversionError(f"topic {topic!r}: mapping of {derived.topic!r}: another topic has that name")
             if why is not None or is_taken:
-                self.warn(f"{where}: {one.topic} is left out: {why or 'another topic has that name'}")
+                self.warn(f"{where}: {derived.topic} is left out: {why or 'another topic has that name'}")
                 continue
-            taken.add(one.topic)
-            found.append(one)
-        return found
+            taken.add(derived.topic)
+            writable.append(derived)
+        return writable
 
     def _check_units(self, topic: str) -> None:
         """Warn of units of fields that a topic does not have, perhaps because they are nested."""
-        said = self.metadata[topic].get("units")
+        units = self.metadata[topic].get("units")
         there = self._job.topics[topic].fields
-        for key in said if isinstance(said, Mapping) else ():
+        for key in units if isinstance(units, Mapping) else ():
             if there and not any(name == key or name.startswith(f"{key}.") for name in there):
                 self.warn(
                     f"topic {topic!r}: its units have {key!r}, and there is no such field; there are {_list(there)}"
@@ -224,8 +226,8 @@ class Planner:
         for part in exact_blocks.read(self._job.stored(topic), self._job.low, self._job.high):
             for row in part if isinstance(part, list) else arrow_blocks.to_rows(part):
                 value: Any = row
-                for one in way:
-                    value = value.get(one.key) if isinstance(value, dict) else None
+                for step in way:
+                    value = value.get(step.key) if isinstance(value, dict) else None
                 if isinstance(value, list):
                     if length is not None and len(value) != length:
                         return f", row {number} (_ts={row[TIME_KEY]!r})"
@@ -233,13 +235,13 @@ class Planner:
                 number += 1
         return ""
 
-    def _standard(self, one: Derived) -> Outlet:
+    def _standard(self, derived: Derived) -> Outlet:
         """Return the outlet of a standard message; `/tf` is everybody's."""
-        for other in self.outlets:
-            if other.topic == one.topic:
-                return other
-        text, digest = standard_types.definition(one.type, is_ros1=self._settings.is_ros1)
-        return self._outlet(one.topic, one.type, text, digest)
+        for outlet in self.outlets:
+            if outlet.topic == derived.topic:
+                return outlet
+        text, digest = standard_types.definition(derived.type, is_ros1=self._settings.is_ros1)
+        return self._outlet(derived.topic, derived.type, text, digest)
 
     def _outlet(self, topic: str, type_: str, text: str, digest: str) -> Outlet:
         described = definitions.parse(type_, text, is_ros1=self._settings.is_ros1)

@@ -66,18 +66,18 @@ class Types:
         from ...codecs.ros import standard_types
 
         try:
-            found = standard_types.find(channel.type, self.likely, is_ros1=channel.is_ros1, digest=digest)
+            standard = standard_types.find(channel.type, self.likely, is_ros1=channel.is_ros1, digest=digest)
         except EncodingError:
             return channel  # an encoding without a text says that the type has no fields
-        if found.others:
+        if standard.others:
             warnings.warn(
-                f"topic {channel.topic!r}: {channel.type} is taken for that of {found.distro}; that of"
-                f" {', '.join(found.others)} has other fields, and the bag does not say which it is; pass"
+                f"topic {channel.topic!r}: {channel.type} is taken for that of {standard.distro}; that of"
+                f" {', '.join(standard.others)} has other fields, and the bag does not say which it is; pass"
                 f" definitions={{{channel.type!r}: <its .msg text>}} to say it",
                 ConversionWarning,
                 stacklevel=2,
             )
-        return replace(channel, schema_encoding=encoding, definition=found.text.encode())
+        return replace(channel, schema_encoding=encoding, definition=standard.text.encode())
 
     def _completed(self, channel: Connection, digest: str) -> Connection:
         """Return a channel whose definition is the caller's, or has those of the caller's types that it lacks."""

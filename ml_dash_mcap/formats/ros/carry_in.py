@@ -104,17 +104,18 @@ class Carrier:
 
     def _begin(self, dest: FileWriter[FileOutput], file: BagFile, ids: Mapping[int, int]) -> None:
         """Write schemas and channels; those of MCAP files keep their ids, because their chunks may repeat them."""
-        known = {number: self._types.described(file.channels[number]) for number in ids}
+        described = {number: self._types.described(file.channels[number]) for number in ids}
         if isinstance(file, McapBag):
             for schema in file.file.index.schemas.values():
-                if any(_has(known[number], schema) for number in ids):
+                if any(_has(described[number], schema) for number in ids):
                     dest.add_schema(schema)
         for number, channel_id in ids.items():
             schema_id = None
             if isinstance(file, McapBag):
-                found = file.file.index.schemas.get(file.file.index.channels[number].schema_id)
-                schema_id = found.id if found is not None and _has(known[number], found) else None
-            dest.add_connection(channel_id, known[number], schema_id)
+                own_schema = file.file.index.schemas.get(file.file.index.channels[number].schema_id)
+                if own_schema is not None and _has(described[number], own_schema):
+                    schema_id = own_schema.id
+            dest.add_connection(channel_id, described[number], schema_id)
 
     def _end(self, dest: FileWriter[FileOutput], file: BagFile) -> None:
         """Copy what else is in the file, and say what bag it was."""
@@ -122,11 +123,11 @@ class Carrier:
         names = set()
         if isinstance(file, McapBag):
             values["library"] = file.file.index.header.library
-            for one in file.file.metadata():
-                dest.add_metadata(one.name, one.values)
-                names.add(one.name)
-            for record, entry in stored_messages.attachments(file.file):
-                dest.add_attachment(record, entry)
+            for record in file.file.metadata():
+                dest.add_metadata(record.name, record.values)
+                names.add(record.name)
+            for attachment, entry in stored_messages.attachments(file.file):
+                dest.add_attachment(attachment, entry)
         text = self._bag.text
         if distros.RECORD not in names and self._bag.format == "rosbag2":
             inside = file.information if isinstance(file, SqliteBag) else ""
@@ -141,8 +142,10 @@ class Carrier:
         if isinstance(file, McapBag) and not file.is_packed:
             same = all(self._types.described(file.channels[number]) == file.channels[number] for number in ids)
             is_whole = same and set(ids) == set(file.channels)  # or else chunks may repeat what is not so any more
-            found = stored_messages.chunks(file.file, sorted(ids))
-            return read_ahead.in_order(lambda chunk: _copied(chunk, is_whole), found, weigh=lambda one: len(one.record))
+            stored = stored_messages.chunks(file.file, sorted(ids))
+            return read_ahead.in_order(
+                lambda chunk: _copied(chunk, is_whole), stored, weigh=lambda chunk: len(chunk.record)
+            )
         blocks = (block.renumbered(ids) for block in file.blocks(ids.keys()))
         return read_ahead.in_order(_packed, blocks, weigh=lambda block: 2 * block.size)
 
@@ -160,48 +163,48 @@ class Carrier:
 
 def _has(channel: Connection, schema: records.Schema) -> bool:
     """Whether a channel's type is what a schema says."""
-    known = (channel.type, channel.schema_encoding, channel.definition)
-    return known == (schema.name, schema.encoding, schema.data)
+    type_of_channel = (channel.type, channel.schema_encoding, channel.definition)
+    return type_of_channel == (schema.name, schema.encoding, schema.data)
 
 
 def _packed(block: MessageBlock) -> PackedChunk:
     return build_block(block, compressor(RecorderOptions()))
 
 
-def _copied(found: StoredChunk, is_whole: bool) -> PackedChunk:
+def _copied(chunk: StoredChunk, is_whole: bool) -> PackedChunk:
     """Return a chunk as it was, or made anew.
 
     That is needed where some of its messages stay behind, it says a wrong time, or nobody would read it without raising
     a limit.
     """
-    start_ns = min(int(one.times_ns.min()) for one in found.messages if len(one))
-    end_ns = max(int(one.times_ns.max()) for one in found.messages if len(one))
-    if is_whole and found.record:
-        fields = Fields(found.record, "", 0, PREFIX_BYTES)
+    start_ns = min(int(messages.times_ns.min()) for messages in chunk.messages if len(messages))
+    end_ns = max(int(messages.times_ns.max()) for messages in chunk.messages if len(messages))
+    if is_whole and chunk.record:
+        fields = Fields(chunk.record, "", 0, PREFIX_BYTES)
         head = records.CHUNK_HEAD.read(fields)
         begin = PREFIX_BYTES + head.records_at
-        is_plain = begin + head.records_length == len(found.record)
+        is_plain = begin + head.records_length == len(chunk.record)
         if (
             (start_ns, end_ns) == (head.start_ns, head.end_ns)
             and is_plain
             and not is_like_a_bomb(head.uncompressed_size, head.records_length)
         ):
             return PackedChunk(
-                bytes(found.record[:begin]),
-                memoryview(found.record)[begin:],
+                bytes(chunk.record[:begin]),
+                memoryview(chunk.record)[begin:],
                 head.compression,
                 head.uncompressed_size,
                 start_ns,
                 end_ns,
-                *index_records(_entries(found)),
+                *index_records(_entries(chunk)),
             )
-    return _packed(stored_messages.block_of(found.messages))
+    return _packed(stored_messages.block_of(chunk.messages))
 
 
-def _entries(found: StoredChunk) -> dict[int, npt.NDArray[np.void]]:
+def _entries(chunk: StoredChunk) -> dict[int, npt.NDArray[np.void]]:
     """Return the entries of each channel's message index, by time."""
     entries = {}
-    for messages in found.messages:
+    for messages in chunk.messages:
         if len(messages):
             order = np.lexsort((messages.offsets, messages.times_ns))
             entries[messages.channel_id] = index_entries(messages.times_ns[order], messages.offsets[order])

@@ -110,7 +110,7 @@ class Carried:
         """For each file, channel ids to the numbers of outlets."""
         self._converters: dict[int, Convert] = {}
         self._dropped: Counter[int] = Counter()
-        known: dict[object, int | None] = {}
+        numbers_by_channel: dict[object, int | None] = {}
         for file in job.files:
             numbers: dict[int, int] = {}
             repeated: Counter[Connection] = Counter()
@@ -119,9 +119,9 @@ class Carried:
                     continue
                 key = (channel, repeated[channel]) if is_ros1 and channel.is_ros1 else _merged(channel)
                 repeated[channel] += 1
-                if key not in known:
-                    known[key] = self._add(channel, len(self.outlets) + 1)
-                number = known[key]
+                if key not in numbers_by_channel:
+                    numbers_by_channel[key] = self._add(channel, len(self.outlets) + 1)
+                number = numbers_by_channel[key]
                 if number is not None:
                     numbers[channel_id] = number
                     self._add_profiles(number, channel)
@@ -144,7 +144,7 @@ class Carried:
                     if len(part):
                         yield part
         for number, count in self._dropped.items():
-            outlet = next(one for one in self.outlets if one.number == number)
+            outlet = next(candidate for candidate in self.outlets if candidate.number == number)
             self._warn(f"topic {outlet.topic!r}: {count} messages that are no {outlet.type} are left out")
 
     @property
@@ -191,24 +191,24 @@ class Carried:
 
         if not channel.schema_encoding:
             raise ConversionError(f"nobody says what a message of type {channel.type!r} is made of")
-        found = translation(channel.type, channel.schema_encoding, channel.text, to_ros1=self._is_ros1)
-        for change in found.changes:
+        translated = translation(channel.type, channel.schema_encoding, channel.text, to_ros1=self._is_ros1)
+        for change in translated.changes:
             self._warn(f"topic {channel.topic!r}: in ROS {1 if self._is_ros1 else 2}, {change}")
-        self._converters[number] = found.convert
+        self._converters[number] = translated.convert
         before = dict(channel.metadata)
         if self._is_ros1:
-            metadata = {"topic": channel.topic, DIGEST_KEYS[True]: found.digest}
+            metadata = {"topic": channel.topic, DIGEST_KEYS[True]: translated.digest}
             if is_latched(before.get(OFFERED, "")):
                 metadata[LATCHING] = "1"
         else:
-            metadata = {DIGEST_KEYS[False]: found.digest}
+            metadata = {DIGEST_KEYS[False]: translated.digest}
             if LATCHING in before:
                 metadata[LATCHING] = before[LATCHING]
         return Connection(
             channel.topic,
-            found.type,
+            translated.type,
             "ros1msg" if self._is_ros1 else "ros2msg",
-            found.text.encode(),
+            translated.text.encode(),
             "ros1" if self._is_ros1 else "cdr",
             tuple(metadata.items()),
         )
@@ -251,13 +251,17 @@ class Carried:
 
 def foreign_metadata(file: File) -> list[Metadata]:
     """Return a file's metadata records that are neither ours nor rosbag2's."""
-    return [one for one in file.metadata() if one.name != distros.RECORD and one.name.partition(".")[0] != ABOUT_RECORD]
+    return [
+        record
+        for record in file.metadata()
+        if record.name != distros.RECORD and record.name.partition(".")[0] != ABOUT_RECORD
+    ]
 
 
 def warn_of_beside(files: list[File], where: str) -> None:
     """Name what other people put into files beside messages, for a bag that has no place for it."""
     names = [entry.name for file in files for _, entry in stored_messages.attachments(file)]
-    names += [one.name for file in files for one in foreign_metadata(file)]
+    names += [record.name for file in files for record in foreign_metadata(file)]
     if names:
         what = f"attachments and metadata records have no place in {where}: {', '.join(map(repr, names))}"
         warnings.warn(what, ConversionWarning, stacklevel=3)

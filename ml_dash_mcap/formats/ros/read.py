@@ -174,7 +174,7 @@ class _Conversion:
 
     def _left_out(self, channels: Collection[Connection]) -> set[Connection]:
         unknown = {channel for channel in channels if self._types.is_unknown(channel)}
-        for channel in sorted(unknown, key=lambda one: one.topic):
+        for channel in sorted(unknown, key=lambda channel: channel.topic):
             what = f"topic {channel.topic!r} of type {channel.type!r}: nobody knows what its messages are made of"
             warnings.warn(f"{what}; it is left out", ConversionWarning, stacklevel=6)
         return unknown

@@ -72,7 +72,7 @@ class Origins:
         channels = list(channels)
         if wanted is None:
             return {channel for channel in channels if not self.is_derived(channel)}
-        names = dict.fromkeys(name for one in channels for name in (one.topic, self.name(one)))
+        names = dict.fromkeys(name for channel in channels for name in (channel.topic, self.name(channel)))
         for name in wanted:
             if name not in names:
                 raise not_found("topic", name, names)
@@ -148,13 +148,13 @@ class Intake:
     def _own(self, channel: Connection, message: Message) -> Callable[[ConnectionBatch], None]:
         """Return what takes messages that say all that our rows said."""
         name = self._origins.name(channel)
-        said = {**message.about, **self._origins.metadata.get("about", {}).get(name, {})}
+        stated = {**message.about, **self._origins.metadata.get("about", {}).get(name, {})}
         about = {
-            "description": said.get("description"),
-            "tags": said.get("tags") or None,
-            "metadata": said.get("metadata") or None,
+            "description": stated.get("description"),
+            "tags": stated.get("tags") or None,
+            "metadata": stated.get("metadata") or None,
         }
-        if said.get("kind", TRACK) != TRACK:
+        if stated.get("kind", TRACK) != TRACK:
             messages = open_topic(self._recorder, name, MESSAGE, MessageTopic, TopicAbout(**about))
             return self._own_messages(channel, message, messages)
         topic = self._recorder.topic(name, **about)
@@ -219,10 +219,10 @@ class Intake:
             raise DamagedFileError(self._src, 0, f"{which} is no {batch.channel.type}: {error}") from error
 
     def _decoder(self, channel: Connection) -> Decoder:
-        known = self._types.described(channel)
+        described = self._types.described(channel)
         if self._types.is_unknown(channel):
             self._types.name_unknown(channel)
-        schema = Schema(1, known.type, known.schema_encoding, known.definition)
+        schema = Schema(1, described.type, described.schema_encoding, described.definition)
         record = Channel(1, 1, channel.topic, channel.message_encoding, dict(channel.metadata))
         return decode.decoder(record, schema, self._types.decoding, lambda: self._types.likely)
 
@@ -230,11 +230,11 @@ class Intake:
 def _metadata(custom: Mapping[str, str]) -> dict[str, Any]:
     """Return what our export wrote about the bag."""
     try:
-        found = json.loads(custom.get(_CUSTOM_KEY, "{}"))
+        metadata = json.loads(custom.get(_CUSTOM_KEY, "{}"))
     except (TypeError, ValueError):
         return {}
-    is_ours = isinstance(found, dict) and all(isinstance(found.get(key, {}), dict) for key in ("topics", "about"))
-    return found if is_ours else {}
+    is_ours = isinstance(metadata, dict) and all(isinstance(metadata.get(key, {}), dict) for key in ("topics", "about"))
+    return metadata if is_ours else {}
 
 
 def _unshifted(time_s: float, time_ns: int) -> int:

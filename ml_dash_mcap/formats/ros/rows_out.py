@@ -58,8 +58,8 @@ class _Stamped(list[dict[str, Any]]):
         self.times_ns = times_ns
 
     def __getitem__(self, key: Any) -> Any:
-        found = super().__getitem__(key)
-        return _Stamped(found, self.times_ns[key]) if isinstance(key, slice) else found
+        rows = super().__getitem__(key)
+        return _Stamped(rows, self.times_ns[key]) if isinstance(key, slice) else rows
 
     def __add__(self, others: Any) -> Any:
         return _Stamped([*self, *others], [*self.times_ns, *others.times_ns]) if others else self
@@ -138,7 +138,7 @@ class Outgoing:
         """Return what the way back wants to know: our topics by those of the bag, and what else is recorded."""
         own = {plan.own.topic: plan.topic for plan in self.plans if plan.own is not None}
         derived = {outlet.topic: plan.topic for plan in self.plans for _, outlet in plan.derived}
-        said = {
+        topics = {
             name: {"description": info.description, "tags": list(info.tags), "metadata": dict(info.metadata)}
             for name, info in self._job.topics.items()
         }
@@ -147,7 +147,7 @@ class Outgoing:
             "profile": self._settings.profile,
             "topics": own,
             "derived": derived,
-            "about": said,
+            "about": topics,
             "params": self._job.about.get("params", {}),
         }
 
@@ -178,7 +178,7 @@ class Outgoing:
                 yield len(part), part
                 _push(waiting, number, next(parts, None), parts)
                 continue
-            others = min((one[0] for one in waiting), default=math.inf) if self._settings.is_in_order else math.inf
+            others = min((other[0] for other in waiting), default=math.inf) if self._settings.is_in_order else math.inf
             now, later = _cut(part, min(others + _OVERLAP_S, self._last))
             now, later = self._portion(self.plans[number], now, later)
             self._reached = max(self._reached, float(_times(now)[-1]))
@@ -194,20 +194,20 @@ class Outgoing:
         """Put off rows that together name more images than should be in memory at once."""
         if self._images is None or not plan.paths:
             return now, later
-        found: Any = now if isinstance(now, list) else blocks.to_rows(now)
-        count = self._images.fitting(found, plan.paths)
-        if count == len(found):
-            return found, later
+        rows: Any = now if isinstance(now, list) else blocks.to_rows(now)
+        count = self._images.fitting(rows, plan.paths)
+        if count == len(rows):
+            return rows, later
         rest = [] if later is None else later if isinstance(later, list) else blocks.to_rows(later)
-        return found[:count], found[count:] + rest
+        return rows[:count], rows[count:] + rest
 
     def _parts(self, topic: str) -> Iterator[Part]:
         job = self._job
         stored = job.stored(topic)
         if stored.is_track:
             return exact_blocks.read(stored, job.low, job.high)
-        found = rows.stamped(stored, job.low, job.high)
-        return (_Stamped(some, times_ns) for some, times_ns in found)
+        stamped = rows.stamped(stored, job.low, job.high)
+        return (_Stamped(some, times_ns) for some, times_ns in stamped)
 
     # -- rows to messages ----------------------------------------------------------------------------------------------
 
@@ -243,28 +243,28 @@ class Outgoing:
         header = {**header, "frame_id": Constant(_frame(derived.metadata.get("frame_id"), self._settings.frame_id))}
         while len(rows):
             load = self._images.load if self._images is not None else None
-            found = messages.build(derived, column, rows, times, pick(header, rows), load)
-            if not isinstance(found, BadRows):
-                return rows, found
-            row = int(rows[int(np.argmax(found.which))])
+            built = messages.build(derived, column, rows, times, pick(header, rows), load)
+            if not isinstance(built, BadRows):
+                return rows, built
+            row = int(rows[int(np.argmax(built.which))])
             where = f"topic {plan.topic!r}, row {before + row} (_ts={float(times[row])!r})"
-            if self._settings.on_bad == "raise" and (derived.is_asked or not found.is_other):
+            if self._settings.on_bad == "raise" and (derived.is_asked or not built.is_other):
                 raise ConversionError(
-                    f"{where}: {found.what}, so {derived.topic} cannot be written; pass on_bad='lossless' to leave such"
+                    f"{where}: {built.what}, so {derived.topic} cannot be written; pass on_bad='lossless' to leave such"
                     f" rows out of it, mapping={{{plan.topic!r}: {{{_suffix(plan, derived)!r}: None}}}} to leave it"
                     " out, or profile='lossless'"
                 )
             self._planner.warn(
-                f"topic {plan.topic!r}: {derived.topic} lacks rows that it cannot say", f"{where}: {found.what}"
+                f"topic {plan.topic!r}: {derived.topic} lacks rows that it cannot say", f"{where}: {built.what}"
             )
-            rows = rows[~found.which]
+            rows = rows[~built.which]
         return rows, {}
 
     def _stamps(
         self, plan: TopicPlan, times: npt.NDArray[np.float64], times_ns: list[int] | None, before: int
     ) -> npt.NDArray[np.uint64]:
-        known = clock.to_nanoseconds_each(times) if times_ns is None else np.array(times_ns, np.uint64)
-        stamps = known.astype(np.int64) + round(self._settings.time_offset * clock.NS_PER_S)
+        times_of_rows = clock.to_nanoseconds_each(times) if times_ns is None else np.array(times_ns, np.uint64)
+        stamps = times_of_rows.astype(np.int64) + round(self._settings.time_offset * clock.NS_PER_S)
         bad = (stamps < 0) | (stamps >= _END_S * clock.NS_PER_S)
         if bad.any():
             row = int(np.argmax(bad))
@@ -276,8 +276,8 @@ class Outgoing:
         return stamps.astype(np.uint64)
 
 
-def _frame(said: object, otherwise: str) -> str:
-    return said if isinstance(said, str) and "\0" not in said else otherwise
+def _frame(stated: object, otherwise: str) -> str:
+    return stated if isinstance(stated, str) and "\0" not in stated else otherwise
 
 
 def _suffix(plan: TopicPlan, derived: Derived) -> str:
@@ -294,8 +294,8 @@ def _times(part: Part | MessageBlock) -> npt.NDArray[np.float64]:
         return np.array(clock.to_seconds_each([int(part.times_ns.min()), int(part.times_ns.max())]))
     if isinstance(part, list):
         return np.array([row[TIME_KEY] for row in part], np.float64)
-    found: npt.NDArray[np.float64] = part.columns[TIME_KEY].array.to_numpy(zero_copy_only=False)
-    return found
+    times: npt.NDArray[np.float64] = part.columns[TIME_KEY].array.to_numpy(zero_copy_only=False)
+    return times
 
 
 _Waiting = tuple[float, int, Part | MessageBlock, Iterator[Any]]
@@ -331,7 +331,7 @@ def _header(stamps: npt.NDArray[np.uint64], frame: str, before: int, *, is_ros1:
 
 
 def packed(
-    found: Iterator[tuple[int, list[Sent] | MessageBlock]],
+    steps: Iterator[tuple[int, list[Sent] | MessageBlock]],
     prepare: Callable[[MessageBlock], Any],
     *,
     is_split: bool = False,
@@ -344,12 +344,12 @@ def packed(
         is_split: Whether each has to be written before the next is asked for, so that a file can end behind it.
     """
 
-    def work(one: tuple[int, list[Sent] | MessageBlock]) -> tuple[int, Any]:
-        return one[0], one[1] if isinstance(one[1], list) else prepare(one[1])
+    def work(step: tuple[int, list[Sent] | MessageBlock]) -> tuple[int, Any]:
+        return step[0], step[1] if isinstance(step[1], list) else prepare(step[1])
 
     if is_split:
-        return map(work, found)
-    return read_ahead.in_order(work, found, weigh=lambda one: 0 if isinstance(one[1], list) else 2 * one[1].size)
+        return map(work, steps)
+    return read_ahead.in_order(work, steps, weigh=lambda step: 0 if isinstance(step[1], list) else 2 * step[1].size)
 
 
 def to_text(about: Mapping[str, Any]) -> str:

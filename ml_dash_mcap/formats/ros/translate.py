@@ -109,14 +109,14 @@ def _converter(src: Typestore, dst: Typestore, source: str, target: str, to_ros1
 
 def _bounds(src: Typestore, dst: Typestore) -> dict[tuple[str, str], int]:
     """Return the most elements that a type's field may have there and need not have here."""
-    found = {}
+    bounds = {}
     for name, (_, fields) in src.fielddefs.items():
         there = dict(dst.fielddefs[name][1]) if name in dst.fielddefs else {}
         for field, kind in fields:
             other = there.get(field)
             if other is not None and other[0] == kind[0] == Nodetype.SEQUENCE and other[1][1]:
-                found[name, field] = int(other[1][1])
-    return found
+                bounds[name, field] = int(other[1][1])
+    return bounds
 
 
 def _excess(
@@ -132,8 +132,8 @@ def _excess(
         is_many = kind[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE)
         inner = kind[1][0] if is_many else kind
         if inner[0] == Nodetype.NAME:
-            for one in value if is_many else (value,):
-                yield from _excess(src, inner[1], one, bounds)
+            for inner_message in value if is_many else (value,):
+                yield from _excess(src, inner[1], inner_message, bounds)
 
 
 def _source(name: str, full: str, encoding: str, text: str, *, is_ros1: bool) -> Typestore:
@@ -146,31 +146,31 @@ def _source(name: str, full: str, encoding: str, text: str, *, is_ros1: bool) ->
         text: The definition, followed by those of the types in it.
         is_ros1: Whether they come from ROS 1.
     """
-    found = get_typestore(Stores.EMPTY)
+    store = get_typestore(Stores.EMPTY)
     standard: Mapping[str, Any] = standard_types.store(is_ros1=is_ros1).fielddefs
     root = name if is_ros1 else full
     types: dict[str, Any] = dict(get_types_from_idl(text) if encoding == "ros2idl" else get_types_from_msg(text, root))
     if not is_ros1:
         standard, types = _plain(standard), _plain(types)
-    for one in (*_TIMES, _HEADER):
-        if one in standard:
-            types[one] = standard[one]
+    for type_name in (*_TIMES, _HEADER):
+        if type_name in standard:
+            types[type_name] = standard[type_name]
     missing = list(_inner(types, name))
     while missing:
-        one = missing.pop()
-        if one in types:
+        type_name = missing.pop()
+        if type_name in types:
             continue
-        if one not in standard:
-            short = one.rpartition("/")[2]
+        if type_name not in standard:
+            short = type_name.rpartition("/")[2]
             raise ConversionError(
                 f"it has a {short}, which ROS {1 if not is_ros1 else 2} does not have"
                 if short == "wstring"
-                else f"it has a {one!r}, which nobody defines"
+                else f"it has a {type_name!r}, which nobody defines"
             )
-        types[one] = standard[one]
-        missing += _inner(types, one)
-    found.register(types)
-    return found
+        types[type_name] = standard[type_name]
+        missing += _inner(types, type_name)
+    store.register(types)
+    return store
 
 
 def _plain(types: Mapping[str, Any]) -> dict[str, Any]:
@@ -187,7 +187,7 @@ def _in_ros1(name: str) -> str:
     `p/srv/Foo_Request` becomes `p/msg/srv_Foo_Request`: names of messages begin with a capital letter.
     """
     package, *folders, last = name.split("/")
-    kind = next((one for one in folders if one in ("srv", "action")), "")
+    kind = next((folder for folder in folders if folder in ("srv", "action")), "")
     return f"{package}/msg/{kind}_{last}" if kind else f"{package}/msg/{last}"
 
 
@@ -203,25 +203,25 @@ def _unbounded(kind: Any) -> Any:
 
 def _destination(src: Typestore, source: str, target: str, *, to_ros1: bool) -> tuple[Typestore, tuple[str, ...]]:
     """Return a type and all in it as the other generation has them, and where that differs."""
-    found = get_typestore(Stores.EMPTY)
+    store = get_typestore(Stores.EMPTY)
     standard = standard_types.store(is_ros1=to_ros1).fielddefs
-    types = {one: standard[one] for one in (*_TIMES, _HEADER) if one in standard}
+    types = {type_name: standard[type_name] for type_name in (*_TIMES, _HEADER) if type_name in standard}
     waiting = [target]
     changes: list[str] = []
     while waiting:
-        one = waiting.pop()
-        known = source if one == target else one
-        if one not in types:
-            if one in standard:
-                types[one] = standard[one]
-            elif known in src.fielddefs:
-                types[one] = src.fielddefs[known]
-            _check(types, one, to_ros1=to_ros1)
-        if one in standard and known in src.fielddefs and one != _HEADER:
-            changes += _differences(one, src.fielddefs[known][1], types[one][1])
-        waiting += [inner for inner in _inner(types, one) if inner not in types]
-    found.register(types)
-    return found, tuple(changes)
+        type_name = waiting.pop()
+        source_name = source if type_name == target else type_name
+        if type_name not in types:
+            if type_name in standard:
+                types[type_name] = standard[type_name]
+            elif source_name in src.fielddefs:
+                types[type_name] = src.fielddefs[source_name]
+            _check(types, type_name, to_ros1=to_ros1)
+        if type_name in standard and source_name in src.fielddefs and type_name != _HEADER:
+            changes += _differences(type_name, src.fielddefs[source_name][1], types[type_name][1])
+        waiting += [inner for inner in _inner(types, type_name) if inner not in types]
+    store.register(types)
+    return store, tuple(changes)
 
 
 def _check(types: Mapping[str, Any], name: str, *, to_ros1: bool) -> None:
@@ -235,7 +235,7 @@ def _check(types: Mapping[str, Any], name: str, *, to_ros1: bool) -> None:
 
 def _differences(name: str, before: Sequence[tuple[str, Any]], after: Sequence[tuple[str, Any]]) -> Iterator[str]:
     """Name the fields that only one of two definitions has, but for their case and bounds."""
-    old, new = ([(field.lower(), _unbounded(kind)) for field, kind in one] for one in (before, after))
+    old, new = ([(field.lower(), _unbounded(kind)) for field, kind in fields] for fields in (before, after))
     if old != new:
         for field, kind in old:
             if (field, kind) not in new:

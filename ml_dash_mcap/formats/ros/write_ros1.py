@@ -54,8 +54,8 @@ def export(job: Job, options: Rosbag1WriteOptions) -> Path:
 
 
 def _has_time_0(sent: Any) -> bool:
-    times = [one.times_ns for one in sent] if isinstance(sent, list) else [sent.times_ns]
-    return any(bool((one == 0).any()) for one in times)
+    times = [messages.times_ns for messages in sent] if isinstance(sent, list) else [sent.times_ns]
+    return any(bool((times_ns == 0).any()) for times_ns in times)
 
 
 def _write(path: Path, outgoing: Outgoing, compression: str, steps: RestartableCounter) -> None:

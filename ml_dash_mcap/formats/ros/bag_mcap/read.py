@@ -80,7 +80,7 @@ class McapBag:
     @property
     def is_carried(self) -> bool:
         """Whether a recording was made of a bag as this file: its messages are unpacked, whatever `about` says."""
-        return any(one.name == BAG_RECORD for one in self.file.metadata())
+        return any(record.name == BAG_RECORD for record in self.file.metadata())
 
     def blocks(self, wanted: Collection[int]) -> Iterator[MessageBlock]:
         """Yield the messages of some channels, in the order of the file.

@@ -90,8 +90,8 @@ class McapBagWriter:
 
     def write(self, sent: Sequence[Sent]) -> None:
         """Write messages, as one chunk or a few."""
-        total = sum(len(one.packed.data) for one in sent)
-        pieces = max(1, min(-(-total // CHUNK_BYTES), max((len(one.times_ns) for one in sent), default=1)))
+        total = sum(len(messages.packed.data) for messages in sent)
+        pieces = max(1, min(-(-total // CHUNK_BYTES), max((len(messages.times_ns) for messages in sent), default=1)))
         for part in _slices(sent, pieces):
             self._chunk(part)
 
@@ -108,8 +108,8 @@ class McapBagWriter:
         for file in files:
             for record, entry in stored_messages.attachments(file):
                 self._file.add_attachment(record, entry)
-            for one in foreign_metadata(file):
-                self._file.add_metadata(one.name, one.values)
+            for metadata in foreign_metadata(file):
+                self._file.add_metadata(metadata.name, metadata.values)
 
     def finish(self, information: str) -> None:
         """Write the file's end.
@@ -132,27 +132,27 @@ class McapBagWriter:
         return compressor(RecorderOptions(compression=self._compression))  # type: ignore[arg-type]  # checked
 
     def _chunk(self, sent: Sequence[Sent]) -> None:
-        block = np.concatenate([one.packed.data for one in sent])
-        start_ns = min(int(one.times_ns[0]) for one in sent)
-        end_ns = max(int(one.times_ns[-1]) for one in sent)
+        block = np.concatenate([messages.packed.data for messages in sent])
+        start_ns = min(int(messages.times_ns[0]) for messages in sent)
+        end_ns = max(int(messages.times_ns[-1]) for messages in sent)
         entries: dict[int, npt.NDArray[np.void]] = {}
         at = 0
-        for one in sent:
-            number = one.outlet.number
-            _put_heads(block[at : at + len(one.packed.data)], one, self._file.contents.counts[number])
-            entries[number] = index_entries(one.times_ns, one.packed.starts + at)
-            at += len(one.packed.data)
+        for messages in sent:
+            number = messages.outlet.number
+            _put_heads(block[at : at + len(messages.packed.data)], messages, self._file.contents.counts[number])
+            entries[number] = index_entries(messages.times_ns, messages.packed.starts + at)
+            at += len(messages.packed.data)
         view = memoryview(block)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
         self._file.add_chunk(pack(view, start_ns, end_ns, entries, self._compress))
 
 
 def _connection(outlet: Outlet, qos: str) -> Connection:
     """Return what a topic of the bag is: one that is carried keeps what is known of it."""
-    found = outlet.carried
-    if found is None:
+    carried = outlet.carried
+    if carried is None:
         metadata = {OFFERED: qos, DIGEST_KEYS[False]: outlet.digest}
         return Connection(outlet.topic, outlet.type, "ros2msg", outlet.text.encode(), "cdr", tuple(metadata.items()))
-    return replace(found, metadata=tuple({**dict(found.metadata), OFFERED: qos}.items()))
+    return replace(carried, metadata=tuple({**dict(carried.metadata), OFFERED: qos}.items()))
 
 
 def _put_heads(block: npt.NDArray[np.uint8], sent: Sent, before: int) -> None:
@@ -172,13 +172,13 @@ def _slices(sent: Sequence[Sent], pieces: int) -> list[list[Sent]]:
     """Cut messages into pieces by time."""
     if pieces == 1:
         return [list(sent)] if sent else []
-    longest = max(sent, key=lambda one: len(one.times_ns))
+    longest = max(sent, key=lambda messages: len(messages.times_ns))
     rows = np.linspace(0, len(longest.times_ns), pieces + 1).astype(np.int64)[1:-1]
     edges = longest.times_ns[rows]
-    found: list[list[Sent]] = [[] for _ in range(pieces)]
-    for one in sent:
-        cuts = [0, *np.searchsorted(one.times_ns, edges, "left").tolist(), len(one.times_ns)]
-        for piece, (start, end) in zip(found, pairwise(cuts), strict=True):
+    slices: list[list[Sent]] = [[] for _ in range(pieces)]
+    for messages in sent:
+        cuts = [0, *np.searchsorted(messages.times_ns, edges, "left").tolist(), len(messages.times_ns)]
+        for piece, (start, end) in zip(slices, pairwise(cuts), strict=True):
             if end > start:
-                piece.append(Sent(one.outlet, one.times_ns[start:end], one.packed.slice(start, end)))
-    return [piece for piece in found if piece]
+                piece.append(Sent(messages.outlet, messages.times_ns[start:end], messages.packed.slice(start, end)))
+    return [piece for piece in slices if piece]

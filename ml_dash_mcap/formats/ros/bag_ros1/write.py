@@ -82,11 +82,11 @@ class Ros1BagWriter:
         """Take messages; later calls bring none before the first of them."""
         if not sent:
             return
-        for one in sent:
-            self._check_times(_connection_id(one.outlet), one.times_ns)
-        first_ns = min(int(one.times_ns[0]) for one in sent)
+        for messages in sent:
+            self._check_times(_connection_id(messages.outlet), messages.times_ns)
+        first_ns = min(int(messages.times_ns[0]) for messages in sent)
         self._settle(first_ns)
-        self._pending += [_with_heads(one) for one in sent]
+        self._pending += [_with_heads(messages) for messages in sent]
 
     def pack(self, block: MessageBlock) -> _Pending:
         """Return messages that are carried with their heads, in their order."""
@@ -130,7 +130,7 @@ class Ros1BagWriter:
             return
         at = int(np.argmax(times_ns))
         number = int(np.broadcast_to(connections, times_ns.shape)[at])
-        topic = next(one.topic for one in self._outlets if _connection_id(one) == number)
+        topic = next(outlet.topic for outlet in self._outlets if _connection_id(outlet) == number)
         raise ConversionError(
             f"topic {topic!r} has a message at {clock.to_seconds(int(times_ns[at]))!r} s; ROS 1 has no times from "
             "2**32 s, in the year 2106, on; pass time_offset= to move them"
@@ -139,13 +139,17 @@ class Ros1BagWriter:
     def _settle(self, before_ns: int | None) -> None:
         """Write the messages before a time; all of them without one."""
         ready, later = [], []
-        for one in self._pending:
-            count = len(one.times_ns) if before_ns is None else int(np.searchsorted(one.times_ns, np.uint64(before_ns)))
+        for pending in self._pending:
+            count = (
+                len(pending.times_ns)
+                if before_ns is None
+                else int(np.searchsorted(pending.times_ns, np.uint64(before_ns)))
+            )
             if count:
-                ready.append(one.part(0, count))
-            if count < len(one.times_ns):
-                later.append(one.part(count, len(one.times_ns)))
-        if before_ns is not None and sum(len(one.data) for one in ready) < _CHUNK_BYTES:
+                ready.append(pending.part(0, count))
+            if count < len(pending.times_ns):
+                later.append(pending.part(count, len(pending.times_ns)))
+        if before_ns is not None and sum(len(pending.data) for pending in ready) < _CHUNK_BYTES:
             return  # more will come that goes into the same chunk
         self._pending = later
         if ready:
@@ -212,14 +216,14 @@ def _merged(parts: Sequence[_Pending]) -> _Pending:
     """Return messages in the order of time, those of one time by topic."""
     if len(parts) == 1:
         return parts[0]
-    before = np.cumsum([0, *(len(one.data) for one in parts)])
-    starts = np.concatenate([one.starts + at for one, at in zip(parts, before.tolist(), strict=False)])
+    before = np.cumsum([0, *(len(part.data) for part in parts)])
+    starts = np.concatenate([part.starts + at for part, at in zip(parts, before.tolist(), strict=False)])
     sizes, times, connections = (
-        np.concatenate([one[field] for one in parts])
+        np.concatenate([part[field] for part in parts])
         for field in (2, 3, 4)  # as in _Pending
     )
     order = np.lexsort((connections, times))
-    whole = memoryview(np.concatenate([one.data for one in parts]))  # type: ignore[arg-type]  # as in bag_mcap
+    whole = memoryview(np.concatenate([part.data for part in parts]))  # type: ignore[arg-type]  # as in bag_mcap
     starts, sizes = starts[order], sizes[order]
     spans = zip(starts.tolist(), (starts + sizes).tolist(), strict=True)
     data = np.frombuffer(b"".join([whole[start:end] for start, end in spans]), np.uint8)

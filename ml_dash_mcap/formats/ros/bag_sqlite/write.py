@@ -59,9 +59,9 @@ class SqliteBagWriter:
     def write(self, sent: Sequence[Sent]) -> None:
         """Write messages, by time."""
         rows = [
-            (time, one.outlet.number, data)
-            for one in sent
-            for time, data in zip(one.times_ns.tolist(), one.packed.messages(), strict=True)
+            (time, messages.outlet.number, data)
+            for messages in sent
+            for time, data in zip(messages.times_ns.tolist(), messages.packed.messages(), strict=True)
         ]
         if not rows:
             return
@@ -70,9 +70,9 @@ class SqliteBagWriter:
         self._base.executemany(layout.INSERT_MESSAGE, rows)
         self.start_ns = min(self.start_ns, rows[0][0]) if self.counts else rows[0][0]
         self.end_ns = max(self.end_ns, rows[-1][0])
-        for one in sent:
-            self.counts[one.outlet.number] = self.counts.get(one.outlet.number, 0) + len(one.times_ns)
-            self.size += len(one.packed.data)
+        for messages in sent:
+            self.counts[messages.outlet.number] = self.counts.get(messages.outlet.number, 0) + len(messages.times_ns)
+            self.size += len(messages.packed.data)
 
     def pack(self, block: MessageBlock) -> MessageBlock:
         """Return messages that are carried: there is nothing to prepare."""
@@ -111,25 +111,27 @@ class SqliteBagWriter:
 def _check_types(outlets: Sequence[Outlet]) -> None:
     """Refuse two definitions of one type: the schema has one a name, by which messages of the other would be read."""
     first: dict[str, Outlet] = {}
-    for one in outlets:
-        if not _encoding(one):
+    for outlet in outlets:
+        if not _encoding(outlet):
             continue
-        other = first.setdefault(one.type, one)
-        if not _is_same(one, other):
+        other = first.setdefault(outlet.type, outlet)
+        if not _is_same(outlet, other):
             where = (
-                f"topic {one.topic!r} has" if one.topic == other.topic else f"{other.topic!r} and {one.topic!r} have"
+                f"topic {outlet.topic!r} has"
+                if outlet.topic == other.topic
+                else f"{other.topic!r} and {outlet.topic!r} have"
             )
             raise ConversionError(
-                f"{where} two definitions of the type {one.type!r}, and SQLite keeps one a type; pass storage='mcap', "
-                "which keeps both"
+                f"{where} two definitions of the type {outlet.type!r}, and SQLite keeps one a type; pass "
+                "storage='mcap', which keeps both"
             )
 
 
-def _is_same(one: Outlet, other: Outlet) -> bool:
+def _is_same(outlet: Outlet, other: Outlet) -> bool:
     """Whether two outlets of one type say the same of it, but for comments, which no hash counts either."""
-    if one.digest and one.digest == other.digest:
+    if outlet.digest and outlet.digest == other.digest:
         return True
-    return _encoding(one) == _encoding(other) and _lines(one) == _lines(other)
+    return _encoding(outlet) == _encoding(other) and _lines(outlet) == _lines(other)
 
 
 def _lines(outlet: Outlet) -> list[list[str]]:
