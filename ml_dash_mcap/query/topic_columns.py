@@ -18,6 +18,7 @@ from ..codecs.decode import codec_of
 from ..codecs.encoded_channel import Decoder, Row
 from ..file_names import KIND_KEY, TRACK
 from ..rows import zero_copy
+from ..rows.arrow_types import of_type, type_of
 from ..rows.dotted import FIELD_PREFIX, flatten
 from ..rows.encode import TIME_KEY
 from ..rows.field_choice import is_wanted, project
@@ -35,9 +36,6 @@ first, so that a window keeps all cores at work, then more and more, and so many
 _COLUMN_BYTES, _WIDEST = 2048, 16
 """Each column has its price too, some 20 us a block: so many bytes for each of them are worth it, up to so many times
 `_MOST_BYTES`. Otherwise the price of rows with thousands of fields would grow with the square of their number."""
-
-
-_LISTS = (pa.ListType, pa.LargeListType, pa.FixedSizeListType)
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,22 +257,17 @@ class _Reading:
         return merged, list(first.values())
 
 
-def _clash(one: Block, other: Block) -> bool:
-    """Whether blocks have a column of different kinds, which becomes text: then each number is to be spelled as it was.
+def _clash(first: Block, second: Block) -> bool:
+    """Whether blocks have a column whose types no type holds: it becomes text, with each number spelled as it was.
 
-    A column that holds integers and doubles has doubles.
+    A column that holds integers and doubles has doubles, which do not tell how a number was spelled.
     """
-    shared = one.columns.keys() & other.columns.keys()
-    return any(_differ(one.columns[name].array.type, other.columns[name].array.type) for name in shared)
+    shared = first.columns.keys() & second.columns.keys()
+    return any(_differ(first.columns[name].array.type, second.columns[name].array.type) for name in shared)
 
 
-def _differ(one: pa.DataType, other: pa.DataType) -> bool:
-    if pa.types.is_null(one) or pa.types.is_null(other):
-        return False
-    if isinstance(one, _LISTS) and isinstance(other, _LISTS):
-        return _differ(one.value_type, other.value_type)
-    are_numbers = [pa.types.is_integer(type_) or pa.types.is_floating(type_) for type_ in (one, other)]
-    return bool(one != other and not all(are_numbers))
+def _differ(first: pa.DataType, second: pa.DataType) -> bool:
+    return bool(first != second) and type_of(of_type(first) | of_type(second)) is None
 
 
 def _picked(pieces: list[_Piece], which: npt.NDArray[np.intp]) -> list[_Piece]:

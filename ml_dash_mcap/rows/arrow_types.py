@@ -1,4 +1,4 @@
-"""Shapes as Arrow types, and the shapes of Arrow arrays."""
+"""Shapes as Arrow types, and the shapes of Arrow types and arrays."""
 
 from __future__ import annotations
 
@@ -42,6 +42,22 @@ def of_array(array: pa.Array) -> Shape:
     present = array.drop_null() if array.null_count else array
     nulls = ONLY_NULL if len(present) < len(array) else NOTHING
     return nulls | _of_present(present) if len(present) else nulls
+
+
+def of_type(type_: pa.DataType) -> Shape:
+    """Return the least shape whose values have a type."""
+    if pa.types.is_null(type_):
+        return ONLY_NULL
+    if is_list(type_):
+        is_fixed = pa.types.is_fixed_size_list(type_)
+        shortest, longest = (type_.list_size, type_.list_size) if is_fixed else (0, shape.UNBOUNDED)
+        return of_lists(of_type(type_.value_type), shortest, longest)
+    if pa.types.is_struct(type_):
+        fields = [type_.field(at) for at in range(type_.num_fields)]
+        return of_dicts({field.name: of_type(field.type) for field in fields})
+    if pa.types.is_string(type_):
+        return scalar(shape.TEXT)
+    return _SIMPLE_SHAPES.get(type_) or scalar(_NUMBER_KINDS.get(type_, shape.OPAQUE))
 
 
 def _of_present(array: pa.Array) -> Shape:

@@ -1,4 +1,4 @@
-"""Lists of numbers as a column an element: which columns, what they are called, and what is in them."""
+"""Lists as one column for each element: which columns, their names, and their values."""
 
 from __future__ import annotations
 

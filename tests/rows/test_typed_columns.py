@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ml_dash_mcap.rows.arrow_types import of_array, stored_type, type_of, vector_lengths
+from ml_dash_mcap.rows.arrow_types import of_array, of_type, stored_type, type_of, vector_lengths
 from ml_dash_mcap.rows.shape import NOTHING, Shape
 from ml_dash_mcap.rows.table import block_of
 from ml_dash_mcap.rows.typed_columns import Column, cast_to_file, shape_of, values_of
@@ -106,6 +106,7 @@ def test_an_array_has_the_type_of_the_values_that_it_was_made_of(values: list[An
     type_ = type_of(of_values(values))
     if type_ is not None:
         assert type_of(of_array(pa.array(values, type_))) == type_
+        assert type_of(of_type(type_)) == type_
 
 
 @pytest.mark.parametrize(
