@@ -25,7 +25,7 @@ class StoredObject:
     modified: float
     """When it was written, in s since 1970 (UTC)."""
     version: str
-    """Differs from that of every other content that the name has or had."""
+    """Differs from the versions of all other contents under the name. A store may give equal contents one version."""
 
 
 class Store(Protocol):
