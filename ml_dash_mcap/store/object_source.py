@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Sequence
-from itertools import count
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import count, islice
 
 from ..errors import MissingObjectError, StorageError
 from .block_cache import BLOCK_BYTES, BlockCache
@@ -38,7 +38,8 @@ class ObjectSource:
         self._stored = stored
         self._owner, self._ahead = next(_numbers), next(_numbers)
         """The keys in the cache of its blocks, and of the ranges that were fetched ahead."""
-        self._expected: Sequence[ByteRange] = ()
+        self._expected: dict[ByteRange, int] = {}
+        """The ranges that will be read, in this order, with their numbers."""
         self._is_primed = False
         self._is_closed = False
 
@@ -93,7 +94,7 @@ class ObjectSource:
 
     def expect(self, ranges: Sequence[ByteRange]) -> None:
         """Take note of ranges that will be read in this order. Reading one fetches some of the following ones too."""
-        self._expected = tuple(ranges)
+        self._expected = {range_: number for number, range_ in enumerate(ranges)}
 
     def _exactly(self, start: int, end: int) -> bytes:
         """Return the bytes of a range, and fetch them with the next expected ranges if they were not fetched ahead."""
@@ -101,8 +102,8 @@ class ObjectSource:
         if len(data) == end - start:
             return data
         expected = self._expected
-        at = expected.index((start, end)) if (start, end) in expected else len(expected)
-        wanted = [(start, end), *_first_of(expected[at + 1 :], _AHEAD_BYTES - (end - start))]
+        following = islice(expected, expected.get((start, end), len(expected)) + 1, None)
+        wanted = [(start, end), *_first_of(following, _AHEAD_BYTES - (end - start))]
         fetched = self._store.read_ranges(self._stored, wanted)
         _blocks.put(self._ahead, {low: part for (low, _), part in zip(wanted[1:], fetched[1:], strict=True)})
         return fetched[0]
@@ -135,12 +136,11 @@ def _range(number: int) -> ByteRange:
     return number * BLOCK_BYTES, (number + 1) * BLOCK_BYTES
 
 
-def _first_of(ranges: Sequence[ByteRange], most_bytes: int) -> Sequence[ByteRange]:
-    """Return the first of some ranges, as many as have `most_bytes` together."""
-    total, number = 0, 0
+def _first_of(ranges: Iterable[ByteRange], most_bytes: int) -> Iterator[ByteRange]:
+    """Yield the first of some ranges, as many as have `most_bytes` together."""
+    total = 0
     for start, end in ranges:
         total += end - start
         if total > most_bytes:
-            break
-        number += 1
-    return ranges[:number]
+            return
+        yield start, end
