@@ -55,17 +55,17 @@ def fill_block(message: Message, block: Block) -> dict[str, Column]:
 def _fill(message: Message, block: Block, prefix: str, left: set[str]) -> dict[str, Column]:
     states = np.full((block.count, len(message.fields)), PRESENT, np.uint8)
     columns: dict[str, Column] = {}
-    for number, one in enumerate(message.fields):
-        name = prefix + one.key
+    for number, field in enumerate(message.fields):
+        name = prefix + field.key
         column = block.columns.get(name)
-        if one.message is not None and one.shape == () and any(other.startswith(name + ".") for other in left):
-            columns[one.name] = _fill(one.message, block, name + ".", left)
+        if field.message is not None and field.shape == () and any(other.startswith(name + ".") for other in left):
+            columns[field.name] = _fill(field.message, block, name + ".", left)
         elif column is None or name not in left:
             states[:, number] = MISSING
-            columns.update(fill.column(one, [fill.default(one)] * block.count, np.zeros(block.count, np.uint8)))
+            columns.update(fill.column(field, [fill.default(field)] * block.count, np.zeros(block.count, np.uint8)))
         else:
             left.discard(name)
-            columns.update(_column(one, column.array, states[:, number]))
+            columns.update(_column(field, column.array, states[:, number]))
     if message.is_stated:
         return {STATE: states, **columns}
     if (states != PRESENT).any():
@@ -73,49 +73,49 @@ def _fill(message: Message, block: Block, prefix: str, left: set[str]) -> dict[s
     return columns
 
 
-def _column(one: MessageField, array: Any, states: npt.NDArray[np.uint8]) -> dict[str, Column]:
+def _column(field: MessageField, array: Any, states: npt.NDArray[np.uint8]) -> dict[str, Column]:
     """Return a field's column, and the one that says which elements are integers; marks integers in `states`."""
-    if one.kind == "string" and one.shape == () and pa.types.is_string(array.type):
-        return {one.name: _texts(array)}
-    if one.kind in _NUMBERS:
-        found = _ragged(one, array) if one.shape is None else _fixed(one, array)
-        if found is not None:
-            if one.shape == () and one.kind == "float64" and pa.types.is_integer(array.type):
+    if field.kind == "string" and field.shape == () and pa.types.is_string(array.type):
+        return {field.name: _texts(array)}
+    if field.kind in _NUMBERS:
+        columns = _ragged(field, array) if field.shape is None else _fixed(field, array)
+        if columns is not None:
+            if field.shape == () and field.kind == "float64" and pa.types.is_integer(array.type):
                 states[:] = INTEGER
-            return found
-    return fill.column(one, array.to_pylist(), states)
+            return columns
+    return fill.column(field, array.to_pylist(), states)
 
 
-def _fixed(one: MessageField, array: Any) -> dict[str, Column] | None:
+def _fixed(field: MessageField, array: Any) -> dict[str, Column] | None:
     shape: list[int] = []
     while pa.types.is_fixed_size_list(array.type):
         shape.append(array.type.list_size)
         array = array.flatten()
-    if tuple(shape) != one.shape:
+    if tuple(shape) != field.shape:
         return None
-    return _numbers(one, array, lambda flat: flat.reshape(-1, int(np.prod(shape))) if shape else flat)
+    return _numbers(field, array, lambda flat: flat.reshape(-1, int(np.prod(shape))) if shape else flat)
 
 
-def _ragged(one: MessageField, array: Any) -> dict[str, Column] | None:
+def _ragged(field: MessageField, array: Any) -> dict[str, Column] | None:
     if not is_list(array.type):
         return None
     lengths = pc.list_value_length(array).to_numpy(zero_copy_only=False).astype(np.int64)
     inner = array.flatten()
-    return _numbers(one, inner, lambda flat: Ragged.behind_each_other(flat, lengths)) if len(inner) else None
+    return _numbers(field, inner, lambda flat: Ragged.behind_each_other(flat, lengths)) if len(inner) else None
 
 
-def _numbers(one: MessageField, array: Any, shape: Any) -> dict[str, Column] | None:
-    is_other = one.kind == "float64" and pa.types.is_integer(array.type)
-    if array.type != _NUMBERS[one.kind] and not is_other:
+def _numbers(field: MessageField, array: Any, shape: Any) -> dict[str, Column] | None:
+    is_other = field.kind == "float64" and pa.types.is_integer(array.type)
+    if array.type != _NUMBERS[field.kind] and not is_other:
         return None
     flat = array.to_numpy(zero_copy_only=False)
-    if is_other and (one.shape != () and one.integers is None):
+    if is_other and (field.shape != () and field.integers is None):
         return None
     if is_other and len(flat) and not -EXACT_INTEGER <= int(flat.min()) <= int(flat.max()) <= EXACT_INTEGER:
         return None
-    numbers = {one.name: shape(flat.astype(np.float64) if is_other else flat)}
-    if one.integers is not None:
-        numbers[one.integers] = shape(np.full(len(flat), is_other, np.uint8))
+    numbers = {field.name: shape(flat.astype(np.float64) if is_other else flat)}
+    if field.integers is not None:
+        numbers[field.integers] = shape(np.full(len(flat), is_other, np.uint8))
     return numbers
 
 
@@ -131,7 +131,7 @@ def _texts(array: Any) -> Ragged:
 def to_rows(block: Block) -> list[dict[str, Any]]:
     """Return a block's rows, nested, `_ts` last."""
     names = [name for name in block.columns if name != TIME_KEY]
-    found: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = []
     columns = [block.columns[name].array.to_pylist() for name in (*names, TIME_KEY)]
     paths = [name.split(".") for name in names]
     for *values, time in zip(*columns, strict=True):
@@ -142,5 +142,5 @@ def to_rows(block: Block) -> list[dict[str, Any]]:
                 inner = inner.setdefault(key, {})
             inner[path[-1]] = value
         row[TIME_KEY] = time
-        found.append(row)
-    return found
+        rows.append(row)
+    return rows

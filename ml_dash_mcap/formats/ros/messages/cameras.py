@@ -81,13 +81,13 @@ def _matrices(context: Context, role: str, otherwise: Array) -> Array:
 def image(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
     """Return the columns of sensor_msgs/Image."""
     data = values["data"]
-    one = context.derived.fields["data"][-1]
+    field = context.derived.fields["data"][-1]
     count, height, width = data.shape[:3]
     if data.ndim == 4:
         encoding, high = _COLORS[data.shape[3]], 255
         dtype: np.dtype[Any] = np.dtype("u1")
     else:
-        (encoding, dtype), high = _DEPTHS["float64" if one.kind.startswith("float") else "int64"], 65535
+        (encoding, dtype), high = _DEPTHS["float64" if field.kind.startswith("float") else "int64"], 65535
         data = _depths(context, data, 1e-3 if dtype.kind == "u" else 1.0)
     if dtype.kind == "u":
         bad = np.asarray(_outside(data, high).reshape(count, -1).any(axis=1))
@@ -99,21 +99,21 @@ def image(context: Context, values: dict[str, Array]) -> dict[str, Column] | Bad
         "header": context.header,
         "height": Constant(height),
         "width": Constant(width),
-        "encoding": _encodings(context, encoding, one, data),
+        "encoding": _encodings(context, encoding, field, data),
         "is_bigendian": Constant(0),
         "step": Constant(pixels.shape[1] // max(height, 1)),
         "data": pixels,
     }
 
 
-def _encodings(context: Context, encoding: str, one: MessageField, data: Array) -> Column:
+def _encodings(context: Context, encoding: str, field: MessageField, data: Array) -> Column:
     """Return what the pixels are: what rows state, where the pixels can be that."""
     stated = context.details.get("encoding")
     if stated is None:
         return Constant(encoding)
-    known = _SAME_PIXELS[data.shape[3] if data.ndim == 4 else one.kind]
-    found = stated_texts.texts_of(stated, encoding)
-    odd = sorted({name for name in found if name not in known})
+    fitting = _SAME_PIXELS[data.shape[3] if data.ndim == 4 else field.kind]
+    names = stated_texts.texts_of(stated, encoding)
+    odd = sorted({name for name in names if name not in fitting})
     if odd:
         warnings.warn(
             f"{context.derived.topic}: field {context.derived.key('encoding')!r} is {odd[0]!r}, which the pixels of"
@@ -121,16 +121,18 @@ def _encodings(context: Context, encoding: str, one: MessageField, data: Array) 
             ConversionWarning,
             stacklevel=2,
         )
-    return texts([name if name in known else encoding for name in found])
+    return texts([name if name in fitting else encoding for name in names])
 
 
 def _depths(context: Context, data: Array, metres: float) -> Array:
     """Return depths in ROS's unit, which is so many metres (https://www.ros.org/reps/rep-0118.html)."""
-    unit = units.of_field(context.derived.metadata.get("units"), [one.key for one in context.derived.fields["data"]])
-    found = units.scale("length", unit) if unit is not None else None
-    if found is None or found.factor == metres:
+    unit = units.of_field(
+        context.derived.metadata.get("units"), [field.key for field in context.derived.fields["data"]]
+    )
+    scale = units.scale("length", unit) if unit is not None else None
+    if scale is None or scale.factor == metres:
         return data
-    scaled = data * (found.factor / metres)
+    scaled = data * (scale.factor / metres)
     return np.round(scaled) if metres < 1 else scaled
 
 
@@ -142,13 +144,12 @@ def _outside(values: Array, high: int) -> npt.NDArray[np.bool_]:
 
 def compressed(context: Context, values: dict[str, Any]) -> dict[str, Column] | BadRows:
     """Return the columns of sensor_msgs/CompressedImage."""
-    found = _pictures(context, values["data"])
-    if isinstance(found, BadRows):
-        return found
-    data = found
+    data = _pictures(context, values["data"])
+    if isinstance(data, BadRows):
+        return data
     spans = zip(data.starts.tolist(), data.lengths.tolist(), strict=True)
     formats = [_format(data.items[start : start + min(length, 8)].tobytes()) for start, length in spans]
-    bad = np.array([not one for one in formats])
+    bad = np.array([not format_ for format_ in formats])
     if bad.any():
         if context.load is not None and context.derived.fields["data"][-1].kind == "string":
             name = _text(values["data"], int(np.argmax(bad)))
@@ -157,7 +158,7 @@ def compressed(context: Context, values: dict[str, Any]) -> dict[str, Column] | 
     stated = context.details.get("format")
     if stated is not None:  # such as "bgr8; jpeg compressed bgr8"
         both = zip(stated_texts.texts_of(stated, ""), formats, strict=True)
-        formats = [said if found in said.replace("jpg", "jpeg") else found for said, found in both]
+        formats = [name if kind in name.replace("jpg", "jpeg") else kind for name, kind in both]
     return {"header": context.header, "format": texts(formats), "data": data}
 
 

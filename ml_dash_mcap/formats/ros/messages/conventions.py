@@ -224,48 +224,50 @@ CONVENTIONS = (
 """What the fields of one dict make; poses of other owners than `ee` are added to them by `field_kinds.poses`."""
 
 
-def vector_shape(one: MessageField) -> tuple[int, ...] | None:
+def vector_shape(field: MessageField) -> tuple[int, ...] | None:
     """Return the shape that a field has as a vector: a dict of the numbers x y z is [3], one of x y z w is [4].
 
     None for a field that is neither a number, nor a list of numbers of one shape, nor such a dict.
     """
-    if one.message is None:
-        is_number = one.is_array or one.kind in ("float64", "int64", "uint64")
-        return one.shape if is_number and one.kind != "bool" else None
-    letters = "".join(sorted(inner.key for inner in one.message.fields))
-    is_vector = letters in ("xyz", "wxyz") and all(vector_shape(inner) == () for inner in one.message.fields)
-    return (len(letters),) if is_vector and one.shape == () else None
+    if field.message is None:
+        is_number = field.is_array or field.kind in ("float64", "int64", "uint64")
+        return field.shape if is_number and field.kind != "bool" else None
+    letters = "".join(sorted(inner.key for inner in field.message.fields))
+    is_vector = letters in ("xyz", "wxyz") and all(vector_shape(inner) == () for inner in field.message.fields)
+    return (len(letters),) if is_vector and field.shape == () else None
 
 
-def fits(one: MessageField, role: Role, *, embeds: bool = False) -> bool:
+def fits(field: MessageField, role: Role, *, embeds: bool = False) -> bool:
     """Whether a field can fill a role; with `embeds`, a text that is the path of an image is the image."""
-    if one.message is not None:
-        return vector_shape(one) in role.shapes
+    if field.message is not None:
+        return vector_shape(field) in role.shapes
     if _BYTES in role.shapes:
-        return one.shape == () and (one.kind == "bytes" or (embeds and one.kind == "string"))
-    if one.kind == "bool" or not (one.is_array or one.kind in ("float64", "int64", "uint64")):
+        return field.shape == () and (field.kind == "bytes" or (embeds and field.kind == "string"))
+    if field.kind == "bool" or not (field.is_array or field.kind in ("float64", "int64", "uint64")):
         return False
-    if one.shape is None:  # which `checks` has a word for
+    if field.shape is None:  # which `checks` has a word for
         return _COLORS not in role.shapes and _DEPTH not in role.shapes and role.shapes != ((),)
-    return _is_picture(one, role) or one.shape in role.shapes or (_ANY_VECTOR in role.shapes and len(one.shape) == 1)
+    return (
+        _is_picture(field, role) or field.shape in role.shapes or (_ANY_VECTOR in role.shapes and len(field.shape) == 1)
+    )
 
 
-def _is_picture(one: MessageField, role: Role) -> bool:
+def _is_picture(field: MessageField, role: Role) -> bool:
     """Whether a field has the shape of the images that a role takes."""
-    shape = one.shape or ()
+    shape = field.shape or ()
     is_color = _COLORS in role.shapes and len(shape) == 3 and shape[2] in (1, 3, 4)
     return is_color or (_DEPTH in role.shapes and len(shape) == 2)
 
 
-def says(one: MessageField, detail: Detail) -> bool:
+def says(field: MessageField, detail: Detail) -> bool:
     """Whether a field can say a detail."""
     if _TEXTS in detail.shapes:
-        return one.kind == "string" and one.shape is None
+        return field.kind == "string" and field.shape is None
     if _TEXT in detail.shapes:
-        return one.kind == "string" and one.shape == ()
-    return one.message is None and one.kind in ("float64", "int64", "uint64") and one.shape in detail.shapes
+        return field.kind == "string" and field.shape == ()
+    return field.message is None and field.kind in ("float64", "int64", "uint64") and field.shape in detail.shapes
 
 
-def is_ragged(one: MessageField) -> bool:
+def is_ragged(field: MessageField) -> bool:
     """Whether a field's values are lists of numbers of various lengths."""
-    return one.shape is None and one.kind in ("float64", "int64", "uint64")
+    return field.shape is None and field.kind in ("float64", "int64", "uint64")

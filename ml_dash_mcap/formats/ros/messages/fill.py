@@ -42,16 +42,16 @@ def fill(message: Message, rows: Sequence[Row]) -> dict[str, Column]:
     """
     if len(message.fields) == 1 and message.fields[0].key == ROW_KEY and message.fields[0].kind == "json":
         return {message.fields[0].name: texts([_row_text(row) for row in rows])}
-    keys = {one.key for one in message.fields}
+    keys = {field.key for field in message.fields}
     for row in rows:
         if not row.keys() - {TIME_KEY} <= keys:
             raise MisfitError
     states = np.full((len(rows), len(message.fields)), PRESENT, np.uint8)
     columns: dict[str, Column] = {}
-    for number, one in enumerate(message.fields):
-        values = [row.get(one.key, _NOT_THERE) for row in rows]
+    for number, field in enumerate(message.fields):
+        values = [row.get(field.key, _NOT_THERE) for row in rows]
         states[:, number] = _states(values)
-        columns.update(column(one, values, states[:, number]))
+        columns.update(column(field, values, states[:, number]))
     if message.is_stated:
         return {STATE: states, **columns}
     if (states != PRESENT).any():
@@ -71,7 +71,7 @@ def _states(values: list[Any]) -> npt.NDArray[np.uint8]:
     )
 
 
-def column(one: MessageField, values: list[Any], states: npt.NDArray[np.uint8]) -> dict[str, Column]:
+def column(field: MessageField, values: list[Any], states: npt.NDArray[np.uint8]) -> dict[str, Column]:
     """Return a field's column, and the one that says which elements are integers.
 
     Args:
@@ -80,62 +80,62 @@ def column(one: MessageField, values: list[Any], states: npt.NDArray[np.uint8]) 
         states: What `field_state` says of the field, [N]; gets INTEGER where a value is one among doubles.
     """
     if not (states == PRESENT).all():
-        nothing = default(one)
+        nothing = default(field)
         values = [nothing if state != PRESENT else value for value, state in zip(values, states.tolist(), strict=True)]
-    if one.kind == "json":
-        return {one.name: texts([_json(value) for value in values])}
-    if one.is_array:
-        return {one.name: _arrays(one, values)}
-    if one.shape == ():
-        if one.kind == "float64" and int in set(map(type, values)):
+    if field.kind == "json":
+        return {field.name: texts([_json(value) for value in values])}
+    if field.is_array:
+        return {field.name: _arrays(field, values)}
+    if field.shape == ():
+        if field.kind == "float64" and int in set(map(type, values)):
             are_integers = np.fromiter((type(value) is int for value in values), np.bool_, len(values))
             states[are_integers & (states == PRESENT)] = INTEGER
-            return {one.name: _numbers(one.kind, values, allows_integers=True)}
-        return {one.name: _flat(one, values)}
-    if one.shape is not None:
-        flat, size = _flatten(values, one.shape), math.prod(one.shape)
-        return _with_integers(one, flat, lambda column: column.reshape(len(values), size))
+            return {field.name: _numbers(field.kind, values, allows_integers=True)}
+        return {field.name: _flat(field, values)}
+    if field.shape is not None:
+        flat, size = _flatten(values, field.shape), math.prod(field.shape)
+        return _with_integers(field, flat, lambda column: column.reshape(len(values), size))
     _check(values, list)
     lengths = np.fromiter(map(len, values), np.int64, len(values))
-    return _with_integers(one, list(chain.from_iterable(values)), lambda col: Ragged.behind_each_other(col, lengths))
+    return _with_integers(field, list(chain.from_iterable(values)), lambda col: Ragged.behind_each_other(col, lengths))
 
 
-def _arrays(one: MessageField, values: list[Any]) -> Column:
+def _arrays(field: MessageField, values: list[Any]) -> Column:
     """Return arrays of one type and shape as a column, [N, k]."""
-    wanted = f"{one.kind}[{','.join(map(str, one.shape or ()))}]"
+    wanted = f"{field.kind}[{','.join(map(str, field.shape or ()))}]"
     if any(not isinstance(value, np.ndarray) or packed_arrays.spelling(value) != wanted for value in values):
         raise MisfitError
-    found = np.stack(values).reshape(len(values), -1)
-    return found.view(np.uint8) if one.kind == "bool" else found
+    stacked = np.stack(values).reshape(len(values), -1)
+    return stacked.view(np.uint8) if field.kind == "bool" else stacked
 
 
-def _with_integers(one: MessageField, flat: list[Any], shape: Callable[[Column], Column]) -> dict[str, Column]:
-    if one.integers is None:
-        return {one.name: shape(_flat(one, flat))}
+def _with_integers(field: MessageField, flat: list[Any], shape: Callable[[Column], Column]) -> dict[str, Column]:
+    if field.integers is None:
+        return {field.name: shape(_flat(field, flat))}
     marks = np.fromiter((type(value) is int for value in flat), np.uint8, len(flat))
-    return {one.name: shape(_numbers(one.kind, flat, allows_integers=True)), one.integers: shape(marks)}
+    return {field.name: shape(_numbers(field.kind, flat, allows_integers=True)), field.integers: shape(marks)}
 
 
-def _flat(one: MessageField, values: list[Any]) -> Column:
+def _flat(field: MessageField, values: list[Any]) -> Column:
     """Return values of a field, or elements of its lists, as a column."""
-    if one.message is not None:
+    if field.message is not None:
         _check(values, dict)
-        return fill(one.message, values)
-    if one.kind == "string":
+        return fill(field.message, values)
+    if field.kind == "string":
         _check(values, str)
         if any("\0" in value or has_lone_surrogates(value) for value in values):
             raise MisfitError
         return texts(values)
-    if one.kind == "bytes":
+    if field.kind == "bytes":
         _check(values, bytes)
         lengths = np.fromiter(map(len, values), np.int64, len(values))
         return Ragged.behind_each_other(np.frombuffer(b"".join(values), np.uint8), lengths)
-    return _numbers(one.kind, values, allows_integers=False)
+    return _numbers(field.kind, values, allows_integers=False)
 
 
 def _numbers(kind: str, values: list[Any], *, allows_integers: bool) -> npt.NDArray[Any]:
-    found = set(map(type, values))
-    if not found <= ({float, int} if allows_integers else {_KINDS[kind]}):
+    types = set(map(type, values))
+    if not types <= ({float, int} if allows_integers else {_KINDS[kind]}):
         raise MisfitError
     if kind in _RANGES and values and not _RANGES[kind][0] <= min(values) <= max(values) <= _RANGES[kind][1]:
         raise MisfitError
@@ -160,16 +160,16 @@ def _check(values: list[Any], kind: type) -> None:
         raise MisfitError
 
 
-def default(one: MessageField) -> Any:
+def default(field: MessageField) -> Any:
     """Return what stands for a value that is not there."""
-    if one.shape is None:
+    if field.shape is None:
         return []
-    if one.is_array:
-        return np.zeros(one.shape or (), one.kind)
-    if one.message is not None:
-        return {inner.key: default(inner) for inner in one.message.fields}
-    value = _NOTHING[one.kind]
-    for length in reversed(one.shape):
+    if field.is_array:
+        return np.zeros(field.shape or (), field.kind)
+    if field.message is not None:
+        return {inner.key: default(inner) for inner in field.message.fields}
+    value = _NOTHING[field.kind]
+    for length in reversed(field.shape):
         value = [value] * length
     return value
 

@@ -22,13 +22,13 @@ def joint_state(context: Context, values: dict[str, Any]) -> dict[str, Column] |
     """Return the columns of sensor_msgs/JointState: lists of one length each, or empty."""
     lengths = {role: _lengths(context, value) for role, value in values.items()}
     counts = np.maximum.reduce([*lengths.values()])
-    for role, found in lengths.items():
-        odd = (found != counts) & (found > 0)
+    for role, these_lengths in lengths.items():
+        odd = (these_lengths != counts) & (these_lengths > 0)
         if odd.any():
             row = int(np.argmax(odd))
-            other = next(name for name, these in lengths.items() if these[row] == counts[row])
-            what = f"field {context.derived.key(role)!r} has {found[row]} values and {context.derived.key(other)!r}"
-            return BadRows(odd, f"{what} has {counts[row]}")
+            other = next(name for name, others in lengths.items() if others[row] == counts[row])
+            what = f"field {context.derived.key(role)!r} has {these_lengths[row]} values"
+            return BadRows(odd, f"{what} and {context.derived.key(other)!r} has {counts[row]}")
     names = _names(context, counts)
     if isinstance(names, BadRows):
         return names

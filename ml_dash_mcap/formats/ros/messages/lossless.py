@@ -74,9 +74,9 @@ class Message:
 
     def parts(self) -> Iterator[Message]:
         """Yield the messages inside it, then itself."""
-        for one in self.fields:
-            if one.message is not None:
-                yield from one.message.parts()
+        for member in self.fields:
+            if member.message is not None:
+                yield from member.message.parts()
         yield self
 
 

@@ -38,11 +38,11 @@ def text(message: Message, package: str) -> str:
         lines += ["", "std_msgs/Header header", "float64 ts  # the exact time stamp, in seconds"]
     if message.is_stated:
         lines.append(f"uint8[{len(message.fields)}] {STATE}  # of each field: 0 missing, 1 present, 2 None, 3 integer")
-    for one in message.fields:
-        unit = units.get(one.key) if isinstance(units, Mapping) else None
-        lines.append(_line(one, package, unit))
-        if one.integers is not None:
-            lines.append(f"uint8{_brackets(one)} {one.integers}  # 1 where {one.name} has an integer")
+    for field in message.fields:
+        unit = units.get(field.key) if isinstance(units, Mapping) else None
+        lines.append(_line(field, package, unit))
+        if field.integers is not None:
+            lines.append(f"uint8{_brackets(field)} {field.integers}  # 1 where {field.name} has an integer")
     return "\n".join(lines) + "\n"
 
 
@@ -83,11 +83,11 @@ def parse(name: str, definition: str) -> Message | None:
             current = section[1]
         elif line.startswith(MARK):
             try:
-                found = json.loads(line[len(MARK) :])
+                comment = json.loads(line[len(MARK) :])
             except ValueError:
                 return None
-            if isinstance(found, dict) and isinstance(found.get("fields"), dict):
-                described[current] = found
+            if isinstance(comment, dict) and isinstance(comment.get("fields"), dict):
+                described[current] = comment
     try:
         message = _message(name.rpartition("/")[2], described, is_row=True)
         describe(message, "package")
@@ -96,24 +96,24 @@ def parse(name: str, definition: str) -> Message | None:
         return None
 
 
-def _line(one: MessageField, package: str, unit: object) -> str:
-    kind = {"json": "string", "bytes": "uint8[]"}.get(one.kind, one.kind)
-    if one.message is not None:
-        kind = f"{package}/{one.message.name}"
+def _line(field: MessageField, package: str, unit: object) -> str:
+    kind = {"json": "string", "bytes": "uint8[]"}.get(field.kind, field.kind)
+    if field.message is not None:
+        kind = f"{package}/{field.message.name}"
     notes = []
     if isinstance(unit, str) and _UNIT.fullmatch(unit):
         notes.append(f"[{unit}]")
-    if one.shape is not None and len(one.shape) > 1:
-        notes.append(f"shape {_spelled(one.shape)}, row by row")
-    if one.kind == "json":
+    if field.shape is not None and len(field.shape) > 1:
+        notes.append(f"shape {_spelled(field.shape)}, row by row")
+    if field.kind == "json":
         notes.append("JSON")
-    return f"{kind}{_brackets(one)} {one.name}" + (f"  # {' '.join(notes)}" if notes else "")
+    return f"{kind}{_brackets(field)} {field.name}" + (f"  # {' '.join(notes)}" if notes else "")
 
 
-def _brackets(one: MessageField) -> str:
-    if one.shape is None:
+def _brackets(field: MessageField) -> str:
+    if field.shape is None:
         return "[]"
-    return f"[{size(one.shape)}]" if one.shape else ""
+    return f"[{size(field.shape)}]" if field.shape else ""
 
 
 def _spelled(shape: tuple[int, ...] | None) -> str:
@@ -122,18 +122,18 @@ def _spelled(shape: tuple[int, ...] | None) -> str:
 
 def _describe(message: Message) -> str:
     fields: dict[str, dict[str, str]] = {}
-    for one in message.fields:
-        said = {"key": one.key} if one.key != one.name else {}
-        said["kind"] = one.kind
-        if one.shape != ():
-            said["shape"] = _spelled(one.shape)
-        if one.message is not None:
-            said["message"] = one.message.name
-        if one.integers is not None:
-            said["integers"] = one.integers
-        if one.is_array:
-            said["array"] = "yes"
-        fields[one.name] = said
+    for field in message.fields:
+        details = {"key": field.key} if field.key != field.name else {}
+        details["kind"] = field.kind
+        if field.shape != ():
+            details["shape"] = _spelled(field.shape)
+        if field.message is not None:
+            details["message"] = field.message.name
+        if field.integers is not None:
+            details["integers"] = field.integers
+        if field.is_array:
+            details["array"] = "yes"
+        fields[field.name] = details
     described: dict[str, Any] = {"version": 1, **({"stated": True} if message.is_stated else {}), "fields": fields}
     for name, value in message.about.items():
         described[name] = value if name in _TEXTS else json.dumps(value)
@@ -141,14 +141,16 @@ def _describe(message: Message) -> str:
 
 
 def _message(name: str, described: Mapping[str, dict[str, Any]], *, is_row: bool) -> Message:
-    said = described[name]
+    comment = described[name]
     fields = []
-    for field_name, one in said["fields"].items():
-        inner = _message(one["message"], described, is_row=False) if "message" in one else None
-        spelled = one.get("shape", "")
+    for field_name, details in comment["fields"].items():
+        inner = _message(details["message"], described, is_row=False) if "message" in details else None
+        spelled = details.get("shape", "")
         shape = None if spelled == "*" else tuple(int(length) for length in spelled.split("x") if length)
-        key, is_array = one.get("key", field_name), "array" in one
-        fields.append(MessageField(key, field_name, one["kind"], shape, inner, one.get("integers"), is_array))
-    known = ("version", "stated", "fields")
-    about = {key: value if key in _TEXTS else json.loads(value) for key, value in said.items() if key not in known}
-    return Message(name, tuple(fields), bool(said.get("stated", False)), is_row, about)
+        key, is_array = details.get("key", field_name), "array" in details
+        fields.append(MessageField(key, field_name, details["kind"], shape, inner, details.get("integers"), is_array))
+    own_keys = ("version", "stated", "fields")
+    about = {
+        key: value if key in _TEXTS else json.loads(value) for key, value in comment.items() if key not in own_keys
+    }
+    return Message(name, tuple(fields), bool(comment.get("stated", False)), is_row, about)

@@ -23,46 +23,46 @@ def rows(message: Message, column: dict[str, Column]) -> list[Row]:
         ValueError: They hold what their definition does not say.
     """
     times = column["ts"].tolist()
-    found = _dicts(message, column, len(times))
-    for row, time in zip(found, times, strict=True):
+    restored = _dicts(message, column, len(times))
+    for row, time in zip(restored, times, strict=True):
         row[TIME_KEY] = time
-    return found
+    return restored
 
 
 def plain(message: Message, column: dict[str, Column]) -> dict[str, Any] | None:
     """Return the fields as arrays [N, ...] by key, or None if they are not all numbers that every row has."""
     arrays: dict[str, Any] = {}
-    for number, one in enumerate(message.fields):
-        is_whole = one.shape is not None and one.message is None and one.integers is None
-        if not is_whole or (not one.is_array and one.kind not in ("bool", "int64", "uint64", "float64")):
+    for number, field in enumerate(message.fields):
+        is_whole = field.shape is not None and field.message is None and field.integers is None
+        if not is_whole or (not field.is_array and field.kind not in ("bool", "int64", "uint64", "float64")):
             return None
         if message.is_stated and not (column[STATE][:, number] == PRESENT).all():
             return None
-        array = column[one.name].reshape(-1, *one.shape)  # type: ignore[misc]  # it has one
-        if one.shape and packed_arrays.is_large(array[:1].reshape(one.shape)) != one.is_array:
+        array = column[field.name].reshape(-1, *field.shape)  # type: ignore[misc]  # it has one
+        if field.shape and packed_arrays.is_large(array[:1].reshape(field.shape)) != field.is_array:
             return None  # large columns become arrays, and these are lists
-        arrays[one.key] = array.astype(np.bool_) if one.kind == "bool" else array
+        arrays[field.key] = array.astype(np.bool_) if field.kind == "bool" else array
     return arrays
 
 
 def _dicts(message: Message, column: dict[str, Column], number_of_rows: int) -> list[Row]:
     if len(message.fields) == 1 and message.fields[0].key == ROW_KEY:
         return [_row(value) for value in _values(message.fields[0], column)]
-    found: list[Row] = [{} for _ in range(number_of_rows)]
-    for number, one in enumerate(message.fields):
-        values = _values(one, column)
+    dicts: list[Row] = [{} for _ in range(number_of_rows)]
+    for number, field in enumerate(message.fields):
+        values = _values(field, column)
         if not message.is_stated:
-            for row, value in zip(found, values, strict=True):
-                row[one.key] = value
+            for row, value in zip(dicts, values, strict=True):
+                row[field.key] = value
             continue
-        for row, value, state in zip(found, values, column[STATE][:, number].tolist(), strict=True):
+        for row, value, state in zip(dicts, values, column[STATE][:, number].tolist(), strict=True):
             if state == PRESENT:
-                row[one.key] = value
+                row[field.key] = value
             elif state == NONE:
-                row[one.key] = None
+                row[field.key] = None
             elif state == INTEGER:
-                row[one.key] = int(value)
-    return found
+                row[field.key] = int(value)
+    return dicts
 
 
 def _row(value: Any) -> Row:
@@ -71,41 +71,41 @@ def _row(value: Any) -> Row:
     return value
 
 
-def _values(one: MessageField, column: dict[str, Column]) -> list[Any]:
+def _values(field: MessageField, column: dict[str, Column]) -> list[Any]:
     """Return a field's values as Python has them."""
-    values = column[one.name]
-    if one.kind == "bytes" or (one.kind in ("string", "json") and one.shape == ()):
-        return _blobs(one.kind, values)
-    if one.shape is None:
-        return _lists(one, values, column)
-    if one.message is not None:
-        return _dicts(one.message, values, count(values))
-    array = values.astype(np.bool_) if one.kind == "bool" else values
-    if one.is_array:
-        return [each.copy() for each in array.reshape(-1, *(one.shape or ()))]
-    listed = array.reshape(-1, *one.shape).tolist() if one.shape else array.tolist()
-    if one.integers is None:
+    values = column[field.name]
+    if field.kind == "bytes" or (field.kind in ("string", "json") and field.shape == ()):
+        return _blobs(field.kind, values)
+    if field.shape is None:
+        return _lists(field, values, column)
+    if field.message is not None:
+        return _dicts(field.message, values, count(values))
+    array = values.astype(np.bool_) if field.kind == "bool" else values
+    if field.is_array:
+        return [each.copy() for each in array.reshape(-1, *(field.shape or ()))]
+    listed = array.reshape(-1, *field.shape).tolist() if field.shape else array.tolist()
+    if field.integers is None:
         return list(listed)
-    marks = column[one.integers].reshape(-1, *one.shape).tolist()
+    marks = column[field.integers].reshape(-1, *field.shape).tolist()
     return [_marked(value, mark) for value, mark in zip(listed, marks, strict=True)]
 
 
-def _lists(one: MessageField, values: Ragged, column: dict[str, Column]) -> list[Any]:
-    if one.message is not None:
-        flat: list[Any] = _dicts(one.message, values.items, count(values.items))
-    elif one.kind == "string":
-        flat = _blobs(one.kind, values.items)
+def _lists(field: MessageField, values: Ragged, column: dict[str, Column]) -> list[Any]:
+    if field.message is not None:
+        flat: list[Any] = _dicts(field.message, values.items, count(values.items))
+    elif field.kind == "string":
+        flat = _blobs(field.kind, values.items)
     else:
-        items = values.items.astype(np.bool_) if one.kind == "bool" else values.items
+        items = values.items.astype(np.bool_) if field.kind == "bool" else values.items
         flat = items.tolist()
     ends = (values.starts + values.lengths).tolist()
     listed = [flat[start:end] for start, end in zip(values.starts.tolist(), ends, strict=True)]
-    if one.integers is None:
+    if field.integers is None:
         return listed
-    marks = column[one.integers]
+    marks = column[field.integers]
     spans = zip(marks.starts.tolist(), (marks.starts + marks.lengths).tolist(), strict=True)
-    said = marks.items.tolist()
-    return [_marked(value, said[start:end]) for value, (start, end) in zip(listed, spans, strict=True)]
+    all_marks = marks.items.tolist()
+    return [_marked(value, all_marks[start:end]) for value, (start, end) in zip(listed, spans, strict=True)]
 
 
 def _marked(value: Any, mark: Any) -> Any:

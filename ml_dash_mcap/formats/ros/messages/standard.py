@@ -6,8 +6,9 @@ comes before any convention. `conventions` has the tables, `messages` makes the 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from ....errors import ConversionError
@@ -49,9 +50,9 @@ class Derived:
     """Role, to the field that fills it: the way to it, from the row's own field inwards."""
     message: Message
     """Of the rows."""
-    details: Mapping[str, tuple[MessageField, ...]] = field(default_factory=dict)
+    details: Mapping[str, tuple[MessageField, ...]] = dataclasses.field(default_factory=dict)
     """Detail, to the field that says it; rows may lack it."""
-    metadata: Mapping[str, Any] = field(default_factory=dict)
+    metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """Of our topic: `frame_id`, `joint_names`, `quat_order`, `units`."""
     is_asked: bool = False
     """Whether the caller asked for it, rather than a convention."""
@@ -60,7 +61,7 @@ class Derived:
 
     def key(self, role: str) -> str:
         """Return the dotted name of a role's field."""
-        return ".".join(one.key for one in (self.fields.get(role) or self.details[role]))
+        return ".".join(field.key for field in (self.fields.get(role) or self.details[role]))
 
 
 def derive(
@@ -87,32 +88,32 @@ def derive(
         ConversionError: The mapping asks for what is not there or does not fit.
     """
     asked = dict(mapping or {})
-    found = [
-        _asked(message, topic, metadata, suffix, said, embeds) for suffix, said in asked.items() if said is not None
+    derived = [
+        _asked(message, topic, metadata, suffix, wish, embeds) for suffix, wish in asked.items() if wish is not None
     ]
     taken = {_topic(topic, suffix) for suffix in asked}
     for path, fields in _levels(message.fields, ()):
-        base = "/".join([topic, *(one.name for one in path)])
+        base = "/".join([topic, *(field.name for field in path)])
         for convention in CONVENTIONS:
             name = f"{base}/{convention.suffix}"
             roles = _matching(convention, fields, path)
             if roles is not None and name not in taken:
                 taken.add(name)
-                said = metadata if convention.suffix != GRIPPER else _without_names(metadata)
+                own_metadata = metadata if convention.suffix != GRIPPER else _without_names(metadata)
                 details = _details(message, convention.type, next(iter(roles.values()))[:-1])
-                found.append(Derived(name, convention.type, roles, message, details, said))
-        for name, roles in _other_poses(base, fields, path, found):
+                derived.append(Derived(name, convention.type, roles, message, details, own_metadata))
+        for name, roles in _other_poses(base, fields, path, derived):
             if name not in taken:
                 taken.add(name)
-                found.append(Derived(name, POSE, roles, message, _details(message, POSE, path), metadata))
-        for one in fields.values() if embeds else ():
-            name = f"{base}/{_picture(one)}/compressed"
-            if one.names_images and one.shape == () and name not in taken:
+                derived.append(Derived(name, POSE, roles, message, _details(message, POSE, path), metadata))
+        for field in fields.values() if embeds else ():
+            name = f"{base}/{_picture(field)}/compressed"
+            if field.names_images and field.shape == () and name not in taken:
                 taken.add(name)
                 details = _details(message, COMPRESSED, path)
-                found.append(Derived(name, COMPRESSED, {"data": (*path, one)}, message, details, metadata))
-    poses = [one for one in found if one.type == POSE] if tf and "/tf" not in taken else []
-    return found + [_transform(one) for one in poses[:1]]
+                derived.append(Derived(name, COMPRESSED, {"data": (*path, field)}, message, details, metadata))
+    poses = [pose for pose in derived if pose.type == POSE] if tf and "/tf" not in taken else []
+    return derived + [_transform(pose) for pose in poses[:1]]
 
 
 def _transform(pose: Derived) -> Derived:
@@ -123,48 +124,48 @@ def _transform(pose: Derived) -> Derived:
 
 def _details(message: Message, type_: str, path: tuple[MessageField, ...]) -> dict[str, tuple[MessageField, ...]]:
     """Return the fields that say details of a standard message, those beside its other fields first."""
-    found: dict[str, tuple[MessageField, ...]] = {}
+    details: dict[str, tuple[MessageField, ...]] = {}
     for way in (path, ()):
         level = _by_key((way[-1].message if way else None) or message)
         for role, detail in {**DETAILS.get(type_, {}), FRAME: FRAME_DETAIL}.items():
-            if role in found or (way != path and role != FRAME):
+            if role in details or (way != path and role != FRAME):
                 continue
-            one = next((level[name] for name in detail.names if name in level and says(level[name], detail)), None)
+            field = next((level[name] for name in detail.names if name in level and says(level[name], detail)), None)
             header = level.get(HEADER)
-            if one is not None:
-                found[role] = (*way, one)
+            if field is not None:
+                details[role] = (*way, field)
             elif role == FRAME and header is not None and header.message is not None and header.shape == ():
                 inner = _by_key(header.message).get(FRAME)
                 if inner is not None and says(inner, detail):
-                    found[role] = (*way, header, inner)
-    return found
+                    details[role] = (*way, header, inner)
+    return details
 
 
 def _by_key(message: Message) -> dict[str, MessageField]:
-    return {one.key: one for one in message.fields}
+    return {field.key: field for field in message.fields}
 
 
-def _picture(one: MessageField) -> str:
+def _picture(field: MessageField) -> str:
     """Return what to call the images whose paths a field holds."""
-    name = one.name.removesuffix("_path").removesuffix("_file")
+    name = field.name.removesuffix("_path").removesuffix("_file")
     return "image" if name in ("path", "file", "img", "frame") else name
 
 
 def _levels(
     fields: Sequence[MessageField], path: tuple[MessageField, ...]
 ) -> Iterable[tuple[tuple[MessageField, ...], dict[str, MessageField]]]:
-    yield path, {one.key: one for one in fields}
-    for one in fields:
-        if one.message is not None and one.shape == ():
-            yield from _levels(one.message.fields, (*path, one))
+    yield path, {field.key: field for field in fields}
+    for field in fields:
+        if field.message is not None and field.shape == ():
+            yield from _levels(field.message.fields, (*path, field))
 
 
 def _other_poses(
-    base: str, fields: Mapping[str, MessageField], path: tuple[MessageField, ...], found: Sequence[Derived]
+    base: str, fields: Mapping[str, MessageField], path: tuple[MessageField, ...], others: Sequence[Derived]
 ) -> Iterable[tuple[str, dict[str, tuple[MessageField, ...]]]]:
     """Yield the topics of poses that no convention made, and their fields: those of `tcp_pos` and `tcp_quat`."""
-    used = [way for derived in found if derived.type == POSE for way in derived.fields.values()]
-    shapes = {key: shape for key, one in fields.items() if (shape := vector_shape(one))}
+    used = [way for derived in others if derived.type == POSE for way in derived.fields.values()]
+    shapes = {key: shape for key, field in fields.items() if (shape := vector_shape(field))}
     for pose in poses(shapes):
         if pose.orientation is None:
             roles = {"pose": (*path, fields[pose.position])}
@@ -179,14 +180,15 @@ def _matching(
     convention: Convention, fields: Mapping[str, MessageField], path: tuple[MessageField, ...]
 ) -> dict[str, tuple[MessageField, ...]] | None:
     roles: dict[str, tuple[MessageField, ...]] = {}
-    for role, known in convention.names.items():
+    for role, names in convention.names.items():
         wanted = ROLES[convention.type][role]
         if convention.shape is not None:
             wanted = Role((convention.shape,), wanted.quantity)
-        fitting = {key: one for key, one in fields.items() if fits(one, wanted)}
-        one = _named(known, {key: one for key, one in fitting.items() if not is_ragged(one)}) or _named(known, fitting)
-        if one is not None:
-            roles[role] = (*path, one)
+        fitting = {key: field for key, field in fields.items() if fits(field, wanted)}
+        even = {key: field for key, field in fitting.items() if not is_ragged(field)}
+        field = _named(names, even) or _named(names, fitting)
+        if field is not None:
+            roles[role] = (*path, field)
     if not any(set(group) <= set(roles) for group in ENOUGH[convention.type]):
         return None
     if convention.is_named and not any(
@@ -205,32 +207,32 @@ def _matching(
     return roles
 
 
-def _named(known: Sequence[str], fields: Mapping[str, MessageField]) -> MessageField | None:
-    for name in known:
+def _named(names: Sequence[str], fields: Mapping[str, MessageField]) -> MessageField | None:
+    for name in names:
         if name.endswith("*"):
-            found = [key for key in fields if key.startswith(name[:-1])]
-            if len(found) == 1:
-                return fields[found[0]]
+            matches = [key for key in fields if key.startswith(name[:-1])]
+            if len(matches) == 1:
+                return fields[matches[0]]
         elif name in fields:
             return fields[name]
-    by_spelling = {spelled(key): one for key, one in fields.items()}
-    return next((by_spelling[name] for name in known if name in by_spelling), None)
+    by_spelling = {spelled(key): field for key, field in fields.items()}
+    return next((by_spelling[name] for name in names if name in by_spelling), None)
 
 
-def _asked(message: Message, topic: str, metadata: Mapping[str, Any], suffix: str, said: Any, embeds: bool) -> Derived:
+def _asked(message: Message, topic: str, metadata: Mapping[str, Any], suffix: str, wish: Any, embeds: bool) -> Derived:
     name = _topic(topic, suffix)
     ros_names.check_topic(name)
-    if not isinstance(said, Mapping) or not isinstance(said.get("type"), str):
+    if not isinstance(wish, Mapping) or not isinstance(wish.get("type"), str):
         raise ConversionError(f"mapping of {suffix!r}: pass a dict with the message's `type` and a field for each role")
-    type_ = said["type"] if "/msg/" in said["type"] else said["type"].replace("/", "/msg/", 1)
+    type_ = wish["type"] if "/msg/" in wish["type"] else wish["type"].replace("/", "/msg/", 1)
     if type_ not in ROLES:
-        raise ConversionError(f"mapping of {suffix!r}: {said['type']!r} is none of {', '.join(sorted(ROLES))}")
+        raise ConversionError(f"mapping of {suffix!r}: {wish['type']!r} is none of {', '.join(sorted(ROLES))}")
     roles = {}
     details = {}
-    more = {key: said[key] for key in SAID if key in said}
+    more = {key: wish[key] for key in SAID if key in wish}
     if isinstance(more.get("units"), Mapping) and isinstance(metadata.get("units"), Mapping):
         more["units"] = {**metadata["units"], **more["units"]}
-    for role, key in said.items():
+    for role, key in wish.items():
         if role == "type" or role in more:
             continue
         detail = DETAILS.get(type_, {}).get(role)
@@ -263,15 +265,15 @@ def _without_names(metadata: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _way(message: Message, key: str, suffix: str) -> tuple[MessageField, ...]:
-    fields = {one.key: one for one in message.fields}
+    fields = {field.key: field for field in message.fields}
     if key in fields:
         return (fields[key],)
     way: list[MessageField] = []
     inner: Message | None = message
     for part in key.split("."):
-        fields = {one.key: one for one in inner.fields} if inner is not None else {}
+        fields = {field.key: field for field in inner.fields} if inner is not None else {}
         if part not in fields:
-            there = ", ".join(one.key for one in message.fields)
+            there = ", ".join(field.key for field in message.fields)
             raise ConversionError(f"mapping of {suffix!r}: there is no field {key!r}; there are {there}")
         way.append(fields[part])
         inner = fields[part].message
@@ -282,8 +284,8 @@ def _topic(topic: str, suffix: str) -> str:
     return suffix if suffix.startswith("/") else f"{topic}/{suffix}"
 
 
-def describe(one: MessageField) -> str:
+def describe(field: MessageField) -> str:
     """Say a field's type and shape."""
-    if one.shape is None:
-        return f"lists of {one.kind} whose length changes"
-    return one.kind + (f"[{','.join(map(str, one.shape))}]" if one.shape else "")
+    if field.shape is None:
+        return f"lists of {field.kind} whose length changes"
+    return field.kind + (f"[{','.join(map(str, field.shape))}]" if field.shape else "")

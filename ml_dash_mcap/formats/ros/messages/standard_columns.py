@@ -41,12 +41,12 @@ def _is_there(
     """Tell which rows have a field, [N]."""
     having = np.ones(count, np.bool_)
     inner, at = message, column
-    for one in way:
+    for field in way:
         if inner.is_stated:
-            states = at[STATE][:, inner.fields.index(one)]
+            states = at[STATE][:, inner.fields.index(field)]
             having &= (states == PRESENT) | (states == INTEGER)
-        if one.message is not None:
-            inner, at = one.message, at[one.name]
+        if field.message is not None:
+            inner, at = field.message, at[field.name]
     if inner.is_stated and way[-1].message is inner:  # a dict that is a vector has all of its numbers
         having &= np.isin(at[STATE], (PRESENT, INTEGER)).all(axis=1)
     return having
@@ -83,8 +83,8 @@ def build(
 
 def _at(column: Mapping[str, Column], way: Sequence[MessageField], rows: Indices, count: int) -> Any:
     at: Any = column
-    for one in way:
-        at = at[one.name]
+    for field in way:
+        at = at[field.name]
     return pick(at, rows) if len(rows) < count else at
 
 
@@ -95,7 +95,7 @@ def _details(column: Mapping[str, Column], derived: Derived, role: str, rows: In
     detail = conventions.DETAILS.get(derived.type, {}).get(role)
     if detail is None or detail.of is None or detail.of not in derived.fields or isinstance(at, Ragged):
         return at
-    of_unit = units.of_field(derived.metadata.get("units"), [one.key for one in derived.fields[detail.of]])
+    of_unit = units.of_field(derived.metadata.get("units"), [field.key for field in derived.fields[detail.of]])
     quantity = conventions.ROLES[derived.type][detail.of].quantity
     scale = units.scale(quantity if isinstance(quantity, str) else None, of_unit)
     assert scale is not None  # `checks` saw to it
@@ -112,27 +112,27 @@ def _values(column: Mapping[str, Column], derived: Derived, role: str, rows: Ind
         at = np.stack([np.asarray(numbers[key], np.float64) for key in "xyzw" if key in numbers], axis=1)
     at = at.reshape(len(rows), *(conventions.vector_shape(way[-1]) or way[-1].shape or ()))
     quantity = conventions.ROLES[derived.type][role].quantity
-    unit = units.of_field(derived.metadata.get("units"), [one.key for one in way])
+    unit = units.of_field(derived.metadata.get("units"), [field.key for field in way])
     if isinstance(quantity, tuple):
         both = units.halves(*quantity, unit)
         assert both is not None  # `checks` saw to it
-        return at if both[0].factor == both[1].factor == 1 else at * np.repeat([one.factor for one in both], 3)
-    found = units.scale(quantity, unit)
-    assert found is not None
-    if quantity is None or (found.factor == 1 and not found.offset):
+        return at if both[0].factor == both[1].factor == 1 else at * np.repeat([field.factor for field in both], 3)
+    scale = units.scale(quantity, unit)
+    assert scale is not None
+    if quantity is None or (scale.factor == 1 and not scale.offset):
         return at
-    scaled = at * found.factor + found.offset
+    scaled = at * scale.factor + scale.offset
     if role == "pose":  # only its lengths
         scaled = np.array(at, np.float64)
         places = (..., slice(0, 3), 3) if at.ndim == 3 else (..., [3, 7, 11] if at.shape[-1] == 16 else slice(0, 3))
-        scaled[places] *= found.factor
+        scaled[places] *= scale.factor
     return scaled
 
 
 def _scaled_lists(derived: Derived, role: str, values: Ragged) -> Ragged:
     """Return lists of numbers in ROS's unit; whatever else comes as lists has no unit."""
     quantity = conventions.ROLES[derived.type][role].quantity
-    unit = units.of_field(derived.metadata.get("units"), [one.key for one in derived.fields[role]])
+    unit = units.of_field(derived.metadata.get("units"), [field.key for field in derived.fields[role]])
     scale = units.scale(quantity, unit) if isinstance(quantity, str) else None
     if scale is None or (scale.factor == 1 and not scale.offset):
         return values
@@ -140,18 +140,18 @@ def _scaled_lists(derived: Derived, role: str, values: Ragged) -> Ragged:
 
 
 def _pose(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
-    found = _position_and_orientation(context, values)
-    if isinstance(found, BadRows):
-        return found
-    position, quaternions = found
+    placed = _position_and_orientation(context, values)
+    if isinstance(placed, BadRows):
+        return placed
+    position, quaternions = placed
     return {"header": context.header, "pose": {"position": _xyz(position), "orientation": _xyzw(quaternions)}}
 
 
 def _transform(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
-    found = _position_and_orientation(context, values)
-    if isinstance(found, BadRows):
-        return found
-    position, quaternions = found
+    placed = _position_and_orientation(context, values)
+    if isinstance(placed, BadRows):
+        return placed
+    position, quaternions = placed
     transform = {
         "header": {**context.header, "frame_id": stated_texts.parent(context)},
         "child_frame_id": stated_texts.child(context),
@@ -170,13 +170,13 @@ def _position_and_orientation(context: Context, values: dict[str, Array]) -> tup
         quaternions = _oriented(context, pose[:, 3:], "pose")
         return quaternions if isinstance(quaternions, BadRows) else (pose[:, :3], quaternions)
     matrices = pose.reshape(len(pose), 4, 4)
-    found, bad = rotations.of_matrices(matrices[:, :3, :3])
+    of_matrices, bad = rotations.of_matrices(matrices[:, :3, :3])
     bad |= ~(np.abs(matrices[:, 3] - (0, 0, 0, 1)) <= rotations.ORTHONORMAL_TOLERANCE).all(axis=1)
-    bad |= ~np.isfinite(found).all(axis=1)
+    bad |= ~np.isfinite(of_matrices).all(axis=1)
     if bad.any():
         where = " (row by row, the position in its last column)"
         return BadRows(bad, f"field {context.derived.key('pose')!r} is no pose as a 4x4 matrix{where}")
-    return matrices[:, :3, 3], np.where(found[:, 3:] < 0, -found, found)
+    return matrices[:, :3, 3], np.where(of_matrices[:, 3:] < 0, -of_matrices, of_matrices)
 
 
 def _oriented(context: Context, given: Array, role: str) -> Array | BadRows:
@@ -215,22 +215,22 @@ def _halves(values: dict[str, Array], both: str, first: str, second: str) -> tup
 
 def _imu(context: Context, values: dict[str, Array]) -> dict[str, Column] | BadRows:
     zero: Any = Constant({"x": 0.0, "y": 0.0, "z": 0.0})
-    found: dict[str, Column] = {
+    columns: dict[str, Column] = {
         "header": context.header,
         "orientation": Constant({"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}),
     }
-    found["orientation_covariance"] = Constant(NO_ESTIMATE)
+    columns["orientation_covariance"] = Constant(NO_ESTIMATE)
     if "orientation" in values:
         quaternions = _oriented(context, values["orientation"], "orientation")
         if isinstance(quaternions, BadRows):
             return quaternions
-        found["orientation"] = _xyzw(quaternions)
-        found["orientation_covariance"] = _covariance(context, "orientation_covariance")
+        columns["orientation"] = _xyzw(quaternions)
+        columns["orientation_covariance"] = _covariance(context, "orientation_covariance")
     for role in ("angular_velocity", "linear_acceleration"):
-        found[role] = _xyz(values[role]) if role in values else zero
+        columns[role] = _xyz(values[role]) if role in values else zero
         covariance = f"{role}_covariance"
-        found[covariance] = _covariance(context, covariance) if role in values else Constant(NO_ESTIMATE)
-    return found
+        columns[covariance] = _covariance(context, covariance) if role in values else Constant(NO_ESTIMATE)
+    return columns
 
 
 def _magnetic(context: Context, values: dict[str, Array]) -> dict[str, Column]:
@@ -241,10 +241,10 @@ def _magnetic(context: Context, values: dict[str, Array]) -> dict[str, Column]:
 
 def _temperature(context: Context, values: dict[str, Array]) -> dict[str, Column]:
     variance = context.details.get("variance")
-    said: Column = Constant(0.0)
+    variances: Column = Constant(0.0)
     if variance is not None:
-        said = np.where(variance.is_there, np.asarray(variance.values, np.float64).reshape(-1), 0.0)
-    return {"header": context.header, "temperature": values["temperature"], "variance": said}
+        variances = np.where(variance.is_there, np.asarray(variance.values, np.float64).reshape(-1), 0.0)
+    return {"header": context.header, "temperature": values["temperature"], "variance": variances}
 
 
 def _covariance(context: Context, role: str) -> Column:

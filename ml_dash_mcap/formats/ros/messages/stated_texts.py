@@ -20,20 +20,20 @@ def texts_of(stated: Stated, otherwise: str) -> list[str]:
     values: Ragged = stated.values
     data = bytes(values.items)
     spans = zip(values.starts.tolist(), values.lengths.tolist(), stated.is_there.tolist(), strict=True)
-    known: dict[bytes, str] = {}
-    found = []
+    by_bytes: dict[bytes, str] = {}
+    in_rows = []
     for start, length, is_there in spans:
         text = data[start : start + length] if is_there else b""
-        if text not in known:
-            known[text] = text.decode() or otherwise
-        found.append(known[text])
-    return found
+        if text not in by_bytes:
+            by_bytes[text] = text.decode() or otherwise
+        in_rows.append(by_bytes[text])
+    return in_rows
 
 
 def texts_or(stated: Stated, otherwise: str) -> Column:
     """Return `texts_of` as a column."""
-    found = texts_of(stated, otherwise)
-    return Constant(found[0]) if len(set(found)) == 1 else texts(found)
+    in_rows = texts_of(stated, otherwise)
+    return Constant(in_rows[0]) if len(set(in_rows)) == 1 else texts(in_rows)
 
 
 def of_header(derived: Derived, otherwise: Constant, details: Mapping[str, Stated]) -> Column:
@@ -66,10 +66,10 @@ def parent(context: Context) -> Column:
 
 def child(context: Context) -> Column:
     """Return the frame that a transform leads to: what the topic's metadata says, or else the row."""
-    said = context.derived.metadata.get(conventions.CHILD_FRAME)
+    of_topic = context.derived.metadata.get(conventions.CHILD_FRAME)
     stated = context.details.get(conventions.CHILD_FRAME)
-    otherwise = said if isinstance(said, str) and said.strip("/") else context.derived.child
-    if stated is None or said is not None:
+    otherwise = of_topic if isinstance(of_topic, str) and of_topic.strip("/") else context.derived.child
+    if stated is None or of_topic is not None:
         return Constant(otherwise.strip("/"))
     return _column([frame.strip("/") for frame in texts_of(stated, otherwise)])
 

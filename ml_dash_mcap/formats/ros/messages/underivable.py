@@ -26,25 +26,25 @@ def ragged_role(derived: Derived) -> str | None:
 
 
 def _check_units(derived: Derived) -> str | None:
-    said = derived.metadata.get("units")
-    if said is None:
+    stated = derived.metadata.get("units")
+    if stated is None:
         return None
-    if not isinstance(said, Mapping):
-        return f"its units are {said!r}; they must be a dict of fields"
+    if not isinstance(stated, Mapping):
+        return f"its units are {stated!r}; they must be a dict of fields"
     for role, way in derived.fields.items():
-        unit = units.of_field(said, [one.key for one in way])
+        unit = units.of_field(stated, [field.key for field in way])
         quantity = _quantity(derived, role, conventions.ROLES[derived.type][role])
-        found = units.halves(*quantity, unit) if isinstance(quantity, tuple) else units.scale(quantity, unit)
-        if found is None:
+        scale = units.halves(*quantity, unit) if isinstance(quantity, tuple) else units.scale(quantity, unit)
+        if scale is None:
             names = quantity if isinstance(quantity, tuple) else (str(quantity),)
-            known = "; ".join(f"as {name} these are known: {', '.join(units.UNITS[name])}" for name in names)
-            return f"field {derived.key(role)!r} is in {unit!r}; {known}"
+            alternatives = "; ".join(f"as {name} these are known: {', '.join(units.UNITS[name])}" for name in names)
+            return f"field {derived.key(role)!r} is in {unit!r}; {alternatives}"
     return None
 
 
-def _quantity(derived: Derived, role: str, one: Role) -> str | tuple[str, str] | None:
+def _quantity(derived: Derived, role: str, meaning: Role) -> str | tuple[str, str] | None:
     is_depth = derived.type == conventions.IMAGE and len(derived.fields[role][-1].shape or ()) == 2
-    return "length" if is_depth else one.quantity
+    return "length" if is_depth else meaning.quantity
 
 
 def _check_names(derived: Derived) -> str | None:
@@ -61,8 +61,8 @@ def _check_names(derived: Derived) -> str | None:
 def _check_joints(derived: Derived) -> str | None:
     sizes = joints(derived)
     if len(set(sizes.values())) > 1:
-        found = ", ".join(f"{derived.key(role)!r} has {size}" for role, size in sizes.items())
-        return f"its fields have different numbers of joints: {found}"
+        counts = ", ".join(f"{derived.key(role)!r} has {size}" for role, size in sizes.items())
+        return f"its fields have different numbers of joints: {counts}"
     listed = derived.metadata.get("joint_names")
     if listed is None:
         return None
