@@ -40,10 +40,11 @@ class Sizes:
     small_rows: int = 2_000
     times_longer: int = 100
     segments: int = 1_000
+    topics: int = 1_000
     batches_bytes: int = 5_000_000_000  # on disk
 
 
-QUICK = Sizes(rows=20_000, times_longer=4, segments=20, batches_bytes=20_000_000)
+QUICK = Sizes(rows=20_000, times_longer=4, segments=20, topics=50, batches_bytes=20_000_000)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,13 +82,16 @@ MEASURES = {
     "window": Measure(
         "One second in the middle, as dicts", read_measures.window, ("ours", "ours-arrow", *PEERS), WINDOW
     ),
-    "opening": Measure("Opening, with this library", read_measures.opening, ("minute", "longer", "segments"), OPENING),
+    "opening": Measure(
+        "Opening, with this library", read_measures.opening, ("minute", "longer", "segments", "topics"), OPENING
+    ),
     "batches": Measure("`batches()`, with this library", read_measures.batches, ("gigabytes",), BATCHES, once=True),
 }
 OTHERS = {
     "minute": "one file of as many chunks as a minute has",
     "longer": "one file of {times_longer} times as many",
     "segments": "a folder of {segments:,} segments",
+    "topics": "one file of {topics:,} topics",
     "gigabytes": "one topic",
 }  # what our own measures read; the rest have contenders
 PACKAGES = (
@@ -113,6 +117,7 @@ AIMS = (
     beside("a window, how often a second", "window", "mcap-ours"),
     Aim("bytes read for it, beside what overlaps it", ("window", "ours", "read_of_needed"), None, at_most=1.05),
     Aim("opening a folder of segments, ms", ("opening", "segments", "open_ms"), None, at_most=1_000),
+    Aim("counts and times of a thousand topics, ms", ("opening", "topics", "info_ms"), None, at_most=300),
     Aim(
         "opening a long file, beside one of a minute",
         ("opening", "longer", "open_ms"),
@@ -130,7 +135,12 @@ def prepare(turns: Mapping[str, Sequence[str]], sizes: Sizes, data: Path) -> dic
     """Record what the chosen measures will read, but the gigabytes; returns what was recorded, by form."""
     names = {name for measure, found in turns.items() for name in found if measure != "batches"}
     forms = {CONTENDERS[name].form for name in names if name in CONTENDERS}
-    counts = {"minute": MINUTE_CHUNKS, "longer": MINUTE_CHUNKS * sizes.times_longer, "segments": sizes.segments}
+    counts = {
+        "minute": MINUTE_CHUNKS,
+        "longer": MINUTE_CHUNKS * sizes.times_longer,
+        "segments": sizes.segments,
+        "topics": sizes.topics,
+    }
     made = {form: record(form, counts[form], data / form) for form in counts if form in names}
     for form in ["truth", *(form for form in FORMS if form in forms)] if forms else []:
         record(form, sizes.small_rows, data / "small" / form)

@@ -143,6 +143,17 @@ def segments(folder: Path, count: int) -> None:
                 rec.topic(name).append(x=number, _ts=START_S + number)
 
 
+def topics(folder: Path, count: int) -> None:
+    """`count` topics of 200 rows each in one file."""
+    from ml_dash_mcap import Recorder
+
+    with Recorder(folder) as rec:
+        every = [rec.topic(name) for name in (TOPIC, *(f"sensor/{number:04d}" for number in range(count - 1)))]
+        for step in range(200):
+            for topic in every:
+                topic.append(q=[0.1 * step] * 7, temp=20.5, n=step, _ts=START_S + step / 100)
+
+
 def gigabytes(folder: Path, size: int) -> None:
     """One topic, recorded until its files have `size` bytes."""
     from ml_dash_mcap import Recorder, RecorderOptions
@@ -171,6 +182,7 @@ FORMS: dict[str, Callable[[Path, int], None]] = {
     "minute": chunks,
     "longer": chunks,
     "segments": segments,
+    "topics": topics,
     "gigabytes": gigabytes,
 }
 """What makes a form in a folder, and how many rows, chunks, segments or bytes it is given."""
