@@ -64,7 +64,7 @@ def align(
     tables = {topic: _with(tables[topic], chosen[topic]) for topic in chosen}
     if methods.has_names:
         methods.check_names(
-            {topic: [*one.column_names[1:], *readers[topic].info.fields] for topic, one in tables.items()}
+            {topic: [*table.column_names[1:], *readers[topic].info.fields] for topic, table in tables.items()}
         )
     return align_tables(times, tables, methods, tolerance_s=tolerance, own=on)
 

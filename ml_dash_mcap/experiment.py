@@ -216,7 +216,9 @@ class Experiment:
         return self._live().recorder.stats()
 
     def _begin(self) -> Live[Track]:
-        return Live(self.path, self.prefix, Track, said=self._said, timestamps=self._timestamps, options=self._options)
+        return Live(
+            self.path, self.prefix, Track, metadata=self._said, timestamps=self._timestamps, options=self._options
+        )
 
     def _live(self) -> Live[Track]:
         live = self.run.live
@@ -238,10 +240,10 @@ class Experiment:
 def _one_root(
     root: str | os.PathLike[str], dash_root: str | os.PathLike[str] | None, local_path: str | os.PathLike[str] | None
 ) -> Path:
-    given = [one for one in (dash_root, local_path) if one is not None]
+    given = [folder for folder in (dash_root, local_path) if folder is not None]
     if root != DEFAULT_ROOT:
         given.append(root)
-    if len({os.fspath(one) for one in given}) > 1:
+    if len({os.fspath(folder) for folder in given}) > 1:
         raise UsageError(
             f"root={root!r}, dash_root={dash_root!r} and local_path={local_path!r} are names of one folder; pass one"
         )

@@ -106,8 +106,8 @@ class RecordedRun(RecordedTopics):
             >>> latest = Recording(rec.path, run=-1)
         """
         self._opened()
-        found = runs.find(self._files.segments.all, self._files.is_recorded)
-        return found if self._run is None else [run for run in found if run.id == self._run]
+        every_run = runs.find(self._files.segments.all, self._files.is_recorded)
+        return every_run if self._run is None else [run for run in every_run if run.id == self._run]
 
     @property
     def params(self) -> dict[str, Any]:

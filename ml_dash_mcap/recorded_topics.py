@@ -146,10 +146,10 @@ class RecordedTopics(Mapping[str, TopicReader]):
         return names
 
     def _info(self, topic: str) -> TopicInfo:
-        known = self._infos.get(topic)
-        if known is None:
-            known = self._infos[topic] = topics.info(self._stored(topic))
-        return known
+        info = self._infos.get(topic)
+        if info is None:
+            info = self._infos[topic] = topics.info(self._stored(topic))
+        return info
 
 
 def stored_topic(recording: RecordedTopics, topic: str) -> StoredTopic:

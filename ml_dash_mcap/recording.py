@@ -260,9 +260,9 @@ class Recording(RecordedRun):
         reads = Reads(self.store, [*self._files.paths, *self.segments])
         with destination(path, put_into, wanted, overwrite=overwrite, reads=reads) as target:
             low, high = check_range(start, end)
-            known = {**self.run, "params": self.params}
+            about = {**self.run, "params": self.params}
             chosen = Lookup("topic", self._chosen(topics), self._info)
-            export(Job(target, self._opened(), chosen, low, high, known, progress), wanted, options)
+            export(Job(target, self._opened(), chosen, low, high, about, progress), wanted, options)
         return path
 
     def close(self) -> None:

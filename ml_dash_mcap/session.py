@@ -259,7 +259,9 @@ class Session:
         return self._open_live("stats").recorder.stats()
 
     def _begin(self) -> Live[SessionTrack]:
-        return Live(self.path, self._prefix, SessionTrack, said=self._said, timestamps="auto", options=self._options)
+        return Live(
+            self.path, self._prefix, SessionTrack, metadata=self._said, timestamps="auto", options=self._options
+        )
 
     def _open_live(self, what: str) -> Live[SessionTrack]:
         live = self._run.live

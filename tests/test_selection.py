@@ -36,7 +36,7 @@ def plans(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     made: list[int] = []
     make = plan.chunks
 
-    def counted(*arguments: object) -> plan.Plan:
+    def counted(*arguments: object) -> plan.ChunkPlan:
         made.append(1)
         return make(*arguments)  # type: ignore[arg-type]
 

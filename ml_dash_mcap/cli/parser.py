@@ -37,8 +37,8 @@ def build() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"{NAME} {__version__}")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name, command in COMMANDS.items():
-        one = commands.add_parser(name, help=command.SUMMARY, description=f"{command.SUMMARY.capitalize()}.")
-        command.add(one)
-        one.add_argument("--debug", action="store_true", help="show where in the code an error came from")
-        one.set_defaults(run=command.run)
+        subparser = commands.add_parser(name, help=command.SUMMARY, description=f"{command.SUMMARY.capitalize()}.")
+        command.add(subparser)
+        subparser.add_argument("--debug", action="store_true", help="show where in the code an error came from")
+        subparser.set_defaults(run=command.run)
     return parser

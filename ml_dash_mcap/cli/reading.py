@@ -55,6 +55,6 @@ def opened(arguments: argparse.Namespace) -> Iterator[Recording]:
 def code(recording: Recording) -> int:
     """Say on the standard error what was lost, and what was wrong and corrected; returns the exit code."""
     for loss in recording.losses:
-        known = "" if loss.messages is None or loss.corrected else f" ({loss.messages} messages)"
-        print(f"{'corrected' if loss.corrected else 'lost'}: {loss}{known}", file=sys.stderr)
+        count = "" if loss.messages is None or loss.corrected else f" ({loss.messages} messages)"
+        print(f"{'corrected' if loss.corrected else 'lost'}: {loss}{count}", file=sys.stderr)
     return 0 if all(loss.corrected for loss in recording.losses) else 3

@@ -28,12 +28,12 @@ def parse(text: str) -> float:
         return float(text)
     except ValueError:
         pass
-    six_digits = _FRACTION.sub(lambda found: f".{found[1][:6]:<06}", text.strip())  # all that Python 3.10 reads
+    six_digits = _FRACTION.sub(lambda match: f".{match[1][:6]:<06}", text.strip())  # all that Python 3.10 reads
     try:
-        found = datetime.fromisoformat(re.sub("[zZ]$", "+00:00", six_digits))
+        moment = datetime.fromisoformat(re.sub("[zZ]$", "+00:00", six_digits))
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is neither a number of seconds nor a time in ISO 8601") from None
-    return (found if found.tzinfo else found.replace(tzinfo=timezone.utc)).timestamp()
+    return (moment if moment.tzinfo else moment.replace(tzinfo=timezone.utc)).timestamp()
 
 
 def show(seconds: float | None) -> str:
@@ -43,10 +43,10 @@ def show(seconds: float | None) -> str:
     if not clock.is_epoch_like(seconds):
         return f"{seconds:.3f} s"
     try:
-        found = _EPOCH + timedelta(milliseconds=round(seconds * 1000))
+        moment = _EPOCH + timedelta(milliseconds=round(seconds * 1000))
     except OverflowError:  # a clock that says a year beyond 9999
         return f"{seconds:.3f} s"
-    return found.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def show_duration(seconds: float) -> str:

@@ -31,14 +31,14 @@ def run(files: Sequence[File]) -> dict[str, str]:
 
 def parameters(files: Sequence[File]) -> dict[str, Any]:
     """Return the parameters by dotted name: what was set last counts."""
-    found: dict[str, Any] = {}
+    parameters_by_name: dict[str, Any] = {}
     for name, values in metadata(files):
         if name == ABOUT_RECORD:  # each segment repeats what was set before it
             repeated = _from_json(values.get("parameters", "{}"))
-            found.update(repeated if isinstance(repeated, dict) else {})
+            parameters_by_name.update(repeated if isinstance(repeated, dict) else {})
         elif name == PARAMETERS_RECORD:
-            found.update({name: _from_json(text) for name, text in values.items()})
-    return found
+            parameters_by_name.update({name: _from_json(text) for name, text in values.items()})
+    return parameters_by_name
 
 
 def spans(files: Sequence[File]) -> list[tuple[int, int]]:

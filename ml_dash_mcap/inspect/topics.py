@@ -65,19 +65,19 @@ class TopicInfo:
 
 def describe(topic: StoredTopic) -> tuple[str | None, tuple[str, ...], dict[str, Any]]:
     """Return a topic's description, tags and metadata: what was said last counts."""
-    said: dict[str, str] = {}
+    stated: dict[str, str] = {}
     for _, channel in topic.channels:
-        said.update({key: text for key, text in channel.metadata.items() if key in _DESCRIBING})
+        stated.update({key: text for key, text in channel.metadata.items() if key in _DESCRIBING})
     for file in topic.files:
         if not any(entry.name == TOPIC_RECORD for entry in file.glance.metadata):
             continue
         for record in file.metadata():
             if record.name == TOPIC_RECORD and record.values.get("topic") == topic.name:
-                said.update({key: text for key, text in record.values.items() if key in _DESCRIBING})
-    tags = _loads(said.get("tags", "[]"), [])
-    metadata = _loads(said.get("metadata", "{}"), {})
+                stated.update({key: text for key, text in record.values.items() if key in _DESCRIBING})
+    tags = _loads(stated.get("tags", "[]"), [])
+    metadata = _loads(stated.get("metadata", "{}"), {})
     return (
-        said.get("description"),
+        stated.get("description"),
         tuple(str(tag) for tag in tags) if isinstance(tags, list) else (),
         metadata if isinstance(metadata, dict) else {},
     )

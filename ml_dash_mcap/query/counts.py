@@ -15,10 +15,10 @@ from ..mcap.file_index import replanned
 from ..mcap.message_records import MESSAGE_HEAD_BYTES
 from ..rows.encode import TIME_KEY
 from . import topic_messages, topic_rows
-from .plan import Located, Plan
+from .plan import ChunkPlan, Located
 from .stored_topic import LAST_NS, StoredTopic
 from .time_order import TOLERANCE_NS
-from .topic_messages import Origin
+from .topic_messages import MessageOrigin
 
 _DISTINCT_FROM_NS = 2**23 * clock.NS_PER_S
 """From here on (97 days) doubles are more than a nanosecond apart: what shares a nanosecond shares the double."""
@@ -44,14 +44,14 @@ def _duplicates(topic: StoredTopic) -> int:
     doubtful = _doubtful(topic)
     if not len(doubtful):
         return 0
-    shared, counts = np.unique(np.concatenate([topic.times_in(one) for one in doubtful]), return_counts=True)
+    shared, counts = np.unique(np.concatenate([topic.times_in(located) for located in doubtful]), return_counts=True)
     surely = (counts > 1) & (shared >= np.uint64(_DISTINCT_FROM_NS))
     duplicates = int((counts[surely] - 1).sum())
     perhaps = shared[(counts > 1) & ~surely]
     return duplicates + (_duplicates_among(topic, doubtful, perhaps) if len(perhaps) else 0)
 
 
-def _doubtful(topic: StoredTopic) -> Plan:
+def _doubtful(topic: StoredTopic) -> ChunkPlan:
     """Return the chunks that may share a time stamp with another one, or hold one twice."""
     chunks = topic.chunks()
     if not all(file.index.is_ours for file in topic.files):
@@ -77,12 +77,12 @@ def _duplicates_among(topic: StoredTopic, located: Sequence[Located], times_ns: 
     seen: set[float] = set()
     messages = 0
     decoders: dict[tuple[str, int], Decoder] = {}
-    for one in located:
-        file, chunk = topic.files[one.file], one.chunk
+    for located_chunk in located:
+        file, chunk = topic.files[located_chunk.file], located_chunk.chunk
         channels = file.index.channels_of(topic.name)
-        for found in file.cut(chunk, channels, 0, LAST_NS):
-            picked = found.pick(np.flatnonzero(np.isin(found.times_ns, times_ns)))
-            origin = Origin(file, channels[found.channel_id], chunk)
+        for cut_out in file.cut(chunk, channels, 0, LAST_NS):
+            picked = cut_out.pick(np.flatnonzero(np.isin(cut_out.times_ns, times_ns)))
+            origin = MessageOrigin(file, channels[cut_out.channel_id], chunk)
             decoded = topic_rows.decode(origin, picked.payloads, picked.times_ns, decoders)
             times_s = [row[TIME_KEY] for row in decoded if row is not None]
             seen.update(times_s)
@@ -94,16 +94,16 @@ def _duplicates_among(topic: StoredTopic, located: Sequence[Located], times_ns: 
 def payload_bytes(topic: StoredTopic) -> int:
     """Return how many bytes a topic's messages take, uncompressed, by where all messages of its chunks start."""
     total = 0
-    for one in topic.chunks():
-        file, chunk = topic.files[one.file], one.chunk
-        found = {id_: entry.offsets for id_, entry in file.message_indexes(chunk).items()}
-        if not found:
+    for located in topic.chunks():
+        file, chunk = topic.files[located.file], located.chunk
+        offsets_by_channel = {id_: entry.offsets for id_, entry in file.message_indexes(chunk).items()}
+        if not offsets_by_channel:
             continue
-        starts = np.sort(np.concatenate(list(found.values())))
+        starts = np.sort(np.concatenate(list(offsets_by_channel.values())))
         ends = np.append(starts[1:], np.uint64(chunk.uncompressed_size))
         for id_ in file.index.channels_of(topic.name):
-            if id_ in found:
-                places = np.searchsorted(starts, found[id_])
+            if id_ in offsets_by_channel:
+                places = np.searchsorted(starts, offsets_by_channel[id_])
                 total += int((ends[places] - starts[places]).sum()) - len(places) * MESSAGE_HEAD_BYTES
     return max(total, 0)  # whatever the indexes say
 

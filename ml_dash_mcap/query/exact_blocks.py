@@ -30,7 +30,7 @@ from .topic_messages import Cut
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
+class _ParsedCut:
     """The messages that were cut out of a chunk, and the columns that say the same, if there are any."""
 
     cut: Cut
@@ -41,9 +41,9 @@ class _Part:
         """Their log times."""
         return self.cut.times_ns
 
-    def pick(self, which: npt.NDArray[np.intp]) -> _Part:
+    def pick(self, which: npt.NDArray[np.intp]) -> _ParsedCut:
         """Return some of them."""
-        return _Part(self.cut.pick(which), None if self.block is None else self.block.take(which))
+        return _ParsedCut(self.cut.pick(which), None if self.block is None else self.block.take(which))
 
 
 def read(topic: StoredTopic, low: float = -math.inf, high: float = math.inf) -> Iterator[Block | list[Row]]:
@@ -64,9 +64,9 @@ def read(topic: StoredTopic, low: float = -math.inf, high: float = math.inf) -> 
     start_ns, end_ns = rows.to_ns_range(low, high)
     for parts in time_order.in_time(topic_messages.cut(topic, start_ns, end_ns, reading.parse)):
         block = reading.block(parts, low, high)
-        found = block if block is not None else reading.rows(parts, low, high)
-        if size(found):
-            yield found
+        rows_or_block = block if block is not None else reading.rows(parts, low, high)
+        if size(rows_or_block):
+            yield rows_or_block
 
 
 def size(part: Block | list[Row]) -> int:
@@ -81,8 +81,8 @@ class _Reading:
         self._decoders: dict[tuple[str, int], Decoder] = {}
         self._readers: dict[tuple[str, int], ColumnReader | None] = {}
 
-    def parse(self, cut: Cut) -> _Part:
-        return _Part(cut, self._columns(cut))
+    def parse(self, cut: Cut) -> _ParsedCut:
+        return _ParsedCut(cut, self._columns(cut))
 
     def _columns(self, cut: Cut) -> Block | None:
         reader, payloads = self._reader_of(cut), cut.messages.payloads
@@ -103,7 +103,7 @@ class _Reading:
             self._readers[key] = None if codec is None else codec.column_reader(decoder, None)
         return self._readers[key]
 
-    def block(self, parts: list[_Part], low: float, high: float) -> Block | None:
+    def block(self, parts: list[_ParsedCut], low: float, high: float) -> Block | None:
         """Return the rows of some chunks as one block, if each is one and their time stamps differ."""
         blocks = [part.block for part in parts if part.block is not None]
         if len(blocks) < len(parts):
@@ -120,18 +120,18 @@ class _Reading:
         start, end = np.searchsorted(times, low, "left"), np.searchsorted(times, high, "right")
         return whole if end - start == whole.count else whole.slice(int(start), int(max(end - start, 0)))
 
-    def rows(self, parts: list[_Part], low: float, high: float) -> list[Row]:
+    def rows(self, parts: list[_ParsedCut], low: float, high: float) -> list[Row]:
         """Return the rows of some chunks."""
         batch = topic_messages.merge([part.cut for part in parts])
-        found = rows.of_batch(batch, self._decoders)
-        return [row for row in found if low <= row[TIME_KEY] <= high]
+        merged = rows.of_batch(batch, self._decoders)
+        return [row for row in merged if low <= row[TIME_KEY] <= high]
 
 
 def _joined(blocks: list[Block]) -> Block | None:
     """Put blocks of the same columns behind each other."""
     first = blocks[0].columns
-    types = [{name: one.array.type for name, one in block.columns.items()} for block in blocks]
-    if any(found != types[0] for found in types[1:]):
+    types = [{name: column.array.type for name, column in block.columns.items()} for block in blocks]
+    if any(others != types[0] for others in types[1:]):
         return None
     arrays = {name: pa.concat_arrays([block.columns[name].array for block in blocks]) for name in first}
     return Block(sum(block.count for block in blocks), {name: Column(array) for name, array in arrays.items()})

@@ -46,7 +46,7 @@ class Span:
     """By start time."""
 
 
-class Plan(Sequence[Located]):
+class ChunkPlan(Sequence[Located]):
     """Chunks to read, by start time, those of one time in the order of writing; each is looked up when it is asked for.
 
     Attributes:
@@ -83,18 +83,20 @@ class Plan(Sequence[Located]):
     @overload
     def __getitem__(self, at: int) -> Located: ...
     @overload
-    def __getitem__(self, at: slice) -> Plan: ...
-    def __getitem__(self, at: int | slice) -> Located | Plan:
+    def __getitem__(self, at: slice) -> ChunkPlan: ...
+    def __getitem__(self, at: int | slice) -> Located | ChunkPlan:
         if isinstance(at, slice):
             return self.pick(np.arange(len(self))[at])
         file, place = int(self.files[at]), int(self._places[at])
         return Located(file, self._first_rank[file] + place, self._indexes[file].chunks[place])
 
-    def pick(self, which: npt.NDArray[np.intp]) -> Plan:
+    def pick(self, which: npt.NDArray[np.intp]) -> ChunkPlan:
         """Return some of the chunks, in an order that the caller chooses."""
-        return Plan(self._indexes, self.start_ns[which], self.end_ns[which], self.files[which], self._places[which])
+        return ChunkPlan(
+            self._indexes, self.start_ns[which], self.end_ns[which], self.files[which], self._places[which]
+        )
 
-    def within(self, start_ns: int, end_ns: int) -> Plan:
+    def within(self, start_ns: int, end_ns: int) -> ChunkPlan:
         """Return the chunks that may hold messages with log times in [start_ns, end_ns]."""
         if end_ns < 0 or start_ns > _LAST_NS:
             return self[:0]
@@ -105,7 +107,7 @@ class Plan(Sequence[Located]):
 
 def chunks(
     indexes: Sequence[FileIndex], channels: Sequence[Collection[int] | None], start_ns: int, end_ns: int
-) -> Plan:
+) -> ChunkPlan:
     """Return every chunk that may hold a wanted message.
 
     Args:
@@ -124,20 +126,22 @@ def chunks(
             files.append(np.full(len(held), file))
             places.append(held)
     start = np.concatenate(starts)
-    in_files = Plan(indexes, start, np.concatenate(ends), np.concatenate(files), np.concatenate(places))
+    in_files = ChunkPlan(indexes, start, np.concatenate(ends), np.concatenate(files), np.concatenate(places))
     return in_files.pick(np.argsort(start, kind="stable"))
 
 
 def coalesce(located: Sequence[Located]) -> list[Span]:
     """Join chunks that follow each other, in the order given and in their file, into spans to read at once."""
     spans: list[Span] = []
-    for one in located:
+    for following in located:
         last = spans[-1] if spans else None
-        if last is not None and _follows(one, last):
-            length = one.end - last.offset
-            spans[-1] = Span(last.file, last.offset, length, (*last.chunks, one))
+        if last is not None and _follows(following, last):
+            length = following.end - last.offset
+            spans[-1] = Span(last.file, last.offset, length, (*last.chunks, following))
         else:
-            spans.append(Span(one.file, one.chunk.offset, one.end - one.chunk.offset, (one,)))
+            spans.append(
+                Span(following.file, following.chunk.offset, following.end - following.chunk.offset, (following,))
+            )
     return spans
 
 
@@ -149,8 +153,10 @@ def ranges_by_file(spans: Iterable[Span]) -> dict[int, list[tuple[int, int]]]:
     return ranges
 
 
-def _follows(one: Located, last: Span) -> bool:
-    return one.file == last.file and chunk_table.is_read_with(one.chunk, last.offset, last.offset + last.length)
+def _follows(following: Located, last: Span) -> bool:
+    return following.file == last.file and chunk_table.is_read_with(
+        following.chunk, last.offset, last.offset + last.length
+    )
 
 
 def spans(

@@ -60,8 +60,8 @@ def last_at(topic: StoredTopic, time: float) -> Row | None:
         latest = topic.last_ns(end_ns)
         if latest is None:
             return None
-        found = list(topic_rows.read(topic, clock.to_seconds(max(latest - TOLERANCE_NS, 0)), time))
-        if found:
-            return found[-1]
+        rows = list(topic_rows.read(topic, clock.to_seconds(max(latest - TOLERANCE_NS, 0)), time))
+        if rows:
+            return rows[-1]
         end_ns = latest - 1  # its double lies behind, although its nanosecond does not
     return None

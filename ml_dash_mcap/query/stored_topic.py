@@ -12,7 +12,7 @@ from ..mcap.file_index import FileIndex, replanned
 from ..mcap.records import Channel
 from . import plan
 from .file import File
-from .plan import Located, Plan
+from .plan import ChunkPlan, Located
 
 LAST_NS = 2**64 - 1
 """The last time that MCAP can say, in ns."""
@@ -42,7 +42,7 @@ class StoredTopic:
         self.name = name
         self._files = files
         self._state: _State = []
-        self._plans: dict[_Range, Plan] = {}
+        self._plans: dict[_Range, ChunkPlan] = {}
 
     @property
     def files(self) -> Sequence[File]:
@@ -73,7 +73,7 @@ class StoredTopic:
         """Whether rows of one time stamp are one row."""
         return self.kind == TRACK
 
-    def chunks(self, start_ns: int = 0, end_ns: int = LAST_NS) -> Plan:
+    def chunks(self, start_ns: int = 0, end_ns: int = LAST_NS) -> ChunkPlan:
         """Return the chunks that may hold messages with log times in [start_ns, end_ns], by their start times."""
         files = self.files
         state = [file.state for file in files]

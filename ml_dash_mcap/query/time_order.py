@@ -34,7 +34,7 @@ _Pending = list[tuple[int, int, P]]
 releases is looked at, however many chunks overlap."""
 
 
-def in_time(found: Iterable[tuple[int, Sequence[P]]]) -> Iterator[list[P]]:
+def in_time(chunks: Iterable[tuple[int, Sequence[P]]]) -> Iterator[list[P]]:
     """Yield groups of parts, each group later than the one before: all messages of one log time are in one group.
 
     Args:
@@ -42,7 +42,7 @@ def in_time(found: Iterable[tuple[int, Sequence[P]]]) -> Iterator[list[P]]:
     """
     pending: _Pending[P] = []
     number = 0
-    for start_ns, parts in found:
+    for start_ns, parts in chunks:
         ready = _before(pending, start_ns - TOLERANCE_NS)
         if ready:
             yield ready
@@ -51,7 +51,7 @@ def in_time(found: Iterable[tuple[int, Sequence[P]]]) -> Iterator[list[P]]:
                 number += 1
                 _wait(pending, number, part)
     if pending:
-        yield [part for _, _, part in sorted(pending, key=lambda one: one[:2])]
+        yield [part for _, _, part in sorted(pending, key=lambda waiting: waiting[:2])]
 
 
 def is_in_order(times: npt.NDArray[Any], written: npt.NDArray[np.int64]) -> bool:

@@ -27,7 +27,7 @@ from ..rows.typed_columns import Column
 from ..store import read_ahead
 from . import time_order, topic_messages, topic_rows
 from .stored_topic import StoredTopic
-from .topic_messages import Cut, Origin
+from .topic_messages import Cut, MessageOrigin
 
 _FIRST_BYTES, _MOST_BYTES = 128 * 1024, 1024 * 1024
 """Payloads of several chunks are parsed together, because each call of pyarrow has its price: about so many bytes at
@@ -39,25 +39,27 @@ _COLUMN_BYTES, _WIDEST = 2048, 16
 
 
 @dataclass(frozen=True, slots=True)
-class _Piece:
+class _CopiedMessages:
     """Messages of one channel, copied out of their chunk."""
 
     times_ns: npt.NDArray[np.uint64]
     written: npt.NDArray[np.int64]
     """Numbers that grow in the order of writing, over all chunks and files."""
     payloads: list[bytes]
-    origin: Origin
+    origin: MessageOrigin
 
-    def pick(self, which: npt.NDArray[np.intp]) -> _Piece:
+    def pick(self, which: npt.NDArray[np.intp]) -> _CopiedMessages:
         """Return some of them."""
         payloads = self.payloads
-        return _Piece(self.times_ns[which], self.written[which], [payloads[at] for at in which.tolist()], self.origin)
+        return _CopiedMessages(
+            self.times_ns[which], self.written[which], [payloads[at] for at in which.tolist()], self.origin
+        )
 
 
 class _Some(NamedTuple):
     """What is parsed together."""
 
-    pieces: list[_Piece]
+    pieces: list[_CopiedMessages]
     size: int
     """Of the payloads, in bytes."""
 
@@ -66,7 +68,7 @@ class _Some(NamedTuple):
 class _Parsed:
     """Messages of one channel, and the columns that they became."""
 
-    pieces: list[_Piece]
+    pieces: list[_CopiedMessages]
     times: npt.NDArray[np.float64]
     """Time stamps, [N], in s."""
     block: Block
@@ -94,23 +96,23 @@ def read(
     Yields:
         Some rows each, one or more, each block later than the one before. Its columns are those that it has values of.
     """
-    reading = _Reading(columns, time_name, low, high)
+    reading = _BlockReading(columns, time_name, low, high)
     start_ns, end_ns = topic_rows.to_ns_range(low, high)
-    found = time_order.in_time(topic_messages.cut(topic, start_ns, end_ns, _copied))
-    work = read_ahead.in_order(lambda some: reading.block(some.pieces), _together(found), weigh=lambda some: some.size)
+    groups = time_order.in_time(topic_messages.cut(topic, start_ns, end_ns, _copied))
+    work = read_ahead.in_order(lambda some: reading.block(some.pieces), _together(groups), weigh=lambda some: some.size)
     for block in work:
         if block.count:
             yield block
 
 
-def _copied(cut: Cut) -> _Piece:
+def _copied(cut: Cut) -> _CopiedMessages:
     """Copy messages out of their chunk, so that it need not be held for the few of its messages that are wanted."""
-    return _Piece(cut.times_ns, cut.written, cut.messages.payloads, cut.origin)
+    return _CopiedMessages(cut.times_ns, cut.written, cut.messages.payloads, cut.origin)
 
 
-def _together(groups: Iterable[list[_Piece]]) -> Iterator[_Some]:
+def _together(groups: Iterable[list[_CopiedMessages]]) -> Iterator[_Some]:
     """Join groups of pieces, each later than the one before, into some that are worth parsing."""
-    waiting: list[_Piece] = []
+    waiting: list[_CopiedMessages] = []
     size, enough = 0, _FIRST_BYTES
     for group in groups:
         waiting += group
@@ -122,17 +124,17 @@ def _together(groups: Iterable[list[_Piece]]) -> Iterator[_Some]:
         yield _Some(waiting, size)
 
 
-def _width(group: list[_Piece]) -> int:
+def _width(group: list[_CopiedMessages]) -> int:
     """Return about how many fields a row has, nested ones included."""
     return group[0].payloads[0].count(b'":') if group and group[0].payloads else 0
 
 
-def _size(piece: _Piece) -> int:
+def _size(piece: _CopiedMessages) -> int:
     """Return how many bytes the payloads have."""
     return sum(map(len, piece.payloads))
 
 
-class _Reading:
+class _BlockReading:
     """What all blocks of one call have in common; several threads make them."""
 
     def __init__(self, columns: Sequence[str] | None, time_name: str, low: float, high: float) -> None:
@@ -142,16 +144,16 @@ class _Reading:
         self._decoders: dict[tuple[str, int], Decoder] = {}
         self._readers: dict[tuple[str, int], ColumnReader | None] = {}
 
-    def block(self, pieces: list[_Piece]) -> Block:
+    def block(self, pieces: list[_CopiedMessages]) -> Block:
         """Return the rows of some pieces that are wanted, in time order, merged."""
-        by_channel: dict[tuple[str, int], list[_Piece]] = {}
+        by_channel: dict[tuple[str, int], list[_CopiedMessages]] = {}
         for piece in pieces:
             by_channel.setdefault(topic_rows.key_of(piece.origin), []).append(piece)
         return self._combine([parsed for key, group in by_channel.items() for parsed in self._parse(key, group)])
 
     # -- messages to columns -------------------------------------------------------------------------------------------
 
-    def _parse(self, key: tuple[str, int], pieces: list[_Piece]) -> list[_Parsed]:
+    def _parse(self, key: tuple[str, int], pieces: list[_CopiedMessages]) -> list[_Parsed]:
         reader = self._reader_of(key, pieces[0].origin)
         columns = None if reader is None else reader.read([payload for piece in pieces for payload in piece.payloads])
         if columns is None:
@@ -160,7 +162,7 @@ class _Reading:
             return self._mixed(columns, pieces)
         return [self._named(pieces, columns.arrays) or self._decoded(pieces)]
 
-    def _reader_of(self, key: tuple[str, int], origin: Origin) -> ColumnReader | None:
+    def _reader_of(self, key: tuple[str, int], origin: MessageOrigin) -> ColumnReader | None:
         """Return what makes columns of a channel's messages; None if all go through Python objects."""
         if key not in self._readers:
             codec = codec_of(origin.channel)
@@ -168,7 +170,7 @@ class _Reading:
             self._readers[key] = None if codec is None else codec.column_reader(decoder, self._columns)
         return self._readers[key]
 
-    def _mixed(self, columns: Columns, pieces: list[_Piece]) -> list[_Parsed]:
+    def _mixed(self, columns: Columns, pieces: list[_CopiedMessages]) -> list[_Parsed]:
         """Take some of the rows through Python objects, and the others not."""
         count = sum(len(piece.payloads) for piece in pieces)
         in_columns = np.setdiff1d(np.arange(count), columns.others)
@@ -178,7 +180,7 @@ class _Reading:
         others = self._decoded(_picked(pieces, columns.others))
         return [self._decoded(pieces)] if _clash(named.block, others.block) else [named, others]
 
-    def _named(self, pieces: list[_Piece], flat: dict[str, Any]) -> _Parsed | None:
+    def _named(self, pieces: list[_CopiedMessages], flat: dict[str, Any]) -> _Parsed | None:
         """Give columns the names that are wanted; None if that would lose one."""
         times = _times(flat.pop(TIME_KEY, None), np.concatenate([piece.times_ns for piece in pieces]))
         named: dict[str, Column] = {}
@@ -192,15 +194,15 @@ class _Reading:
             return None
         return _Parsed(pieces, times, Block(len(times), {self._time_name: Column(zero_copy.to_arrow(times)), **named}))
 
-    def _decoded(self, pieces: list[_Piece]) -> _Parsed:
-        found: list[Row] = []
-        kept: list[_Piece] = []
+    def _decoded(self, pieces: list[_CopiedMessages]) -> _Parsed:
+        rows: list[Row] = []
+        kept: list[_CopiedMessages] = []
         for piece in pieces:
             decoded = list(topic_rows.decode(piece.origin, piece.payloads, piece.times_ns, self._decoders))
             present = np.flatnonzero([row is not None for row in decoded])  # others are lost
             kept.append(piece if len(present) == len(decoded) else piece.pick(present))
-            found += [row for row in decoded if row is not None]
-        return _Parsed(kept, np.array([row[TIME_KEY] for row in found], np.float64), self._of_rows(found))
+            rows += [row for row in decoded if row is not None]
+        return _Parsed(kept, np.array([row[TIME_KEY] for row in rows], np.float64), self._of_rows(rows))
 
     def _of_rows(self, nested: list[Row]) -> Block:
         columns = self._columns
@@ -238,7 +240,7 @@ class _Reading:
         Returns:
             The merged rows, and for each the number of the first one in the order of writing.
         """
-        found: list[tuple[float, int, Row]] = []
+        stamped: list[tuple[float, int, Row]] = []
         start = 0
         for piece in (piece for part in parts for piece in part.pieces):
             which = np.flatnonzero(again[start : start + len(piece.payloads)])
@@ -248,11 +250,11 @@ class _Reading:
                 decoded = topic_rows.decode(chosen.origin, chosen.payloads, chosen.times_ns, self._decoders)
                 for row, written in zip(decoded, chosen.written.tolist(), strict=True):
                     if row is not None:
-                        found.append((row[TIME_KEY], written, row))
-        found.sort(key=lambda one: one[:2])
-        merged = topic_rows.merge_same([row for _, _, row in found])
+                        stamped.append((row[TIME_KEY], written, row))
+        stamped.sort(key=lambda entry: entry[:2])
+        merged = topic_rows.merge_same([row for _, _, row in stamped])
         first: dict[float, int] = {}
-        for time, written, _ in found:
+        for time, written, _ in stamped:
             first.setdefault(time, written)
         return merged, list(first.values())
 
@@ -270,9 +272,9 @@ def _differ(first: pa.DataType, second: pa.DataType) -> bool:
     return bool(first != second) and type_of(of_type(first) | of_type(second)) is None
 
 
-def _picked(pieces: list[_Piece], which: npt.NDArray[np.intp]) -> list[_Piece]:
+def _picked(pieces: list[_CopiedMessages], which: npt.NDArray[np.intp]) -> list[_CopiedMessages]:
     """Return some of the messages of pieces that lie one behind the other."""
-    picked: list[_Piece] = []
+    picked: list[_CopiedMessages] = []
     start = 0
     for piece in pieces:
         low, high = np.searchsorted(which, [start, start + len(piece.payloads)])
@@ -294,7 +296,7 @@ def _chosen(blocks: list[Block], keep: npt.NDArray[np.bool_]) -> list[Block]:
     return chosen
 
 
-def _merges(origin: Origin) -> bool:
+def _merges(origin: MessageOrigin) -> bool:
     return origin.channel.metadata.get(KIND_KEY) == TRACK
 
 
@@ -304,12 +306,12 @@ def _times(column: Any, times_ns: npt.NDArray[np.uint64]) -> npt.NDArray[np.floa
         return np.array(clock.to_seconds_each(times_ns.tolist()))
     if column.null_count:
         column = column.fill_null(-1)
-    said: npt.NDArray[np.float64] = zero_copy.to_numpy(column).astype(np.float64)
-    others = np.flatnonzero(~time_order.is_close(said, times_ns))
+    stated: npt.NDArray[np.float64] = zero_copy.to_numpy(column).astype(np.float64)
+    others = np.flatnonzero(~time_order.is_close(stated, times_ns))
     if len(others):
-        said = said.copy()
-        said[others] = clock.to_seconds_each(times_ns[others].tolist())
-    return said
+        stated = stated.copy()
+        stated[others] = clock.to_seconds_each(times_ns[others].tolist())
+    return stated
 
 
 def _repeated(times: npt.NDArray[np.float64], among: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

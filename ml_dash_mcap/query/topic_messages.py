@@ -21,7 +21,7 @@ from .stored_topic import LAST_NS, StoredTopic
 
 
 @dataclass(frozen=True, slots=True)
-class Origin:
+class MessageOrigin:
     """Where a message came from."""
 
     file: File
@@ -36,7 +36,7 @@ class Cut:
     messages: Messages
     rank: int
     """Of their chunk in the order of writing."""
-    origin: Origin
+    origin: MessageOrigin
 
     @property
     def times_ns(self) -> npt.NDArray[np.uint64]:
@@ -54,14 +54,14 @@ class Cut:
 
 
 @dataclass(frozen=True, slots=True)
-class Batch:
+class MessageBatch:
     """Messages in the order of their log times; those of one time in the order of writing."""
 
     times_ns: npt.NDArray[np.uint64]
     published_ns: npt.NDArray[np.uint64]
     sequences: npt.NDArray[np.uint32]
     payloads: list[bytes]
-    origins: list[Origin]
+    origins: list[MessageOrigin]
     origin_of: npt.NDArray[np.intp]
     """For each message, which of `origins`."""
 
@@ -80,7 +80,7 @@ class _Job:
     """From the chunk's start to the end of its message indexes."""
 
 
-def read(topic: StoredTopic, start_ns: int, end_ns: int) -> Iterator[Batch]:
+def read(topic: StoredTopic, start_ns: int, end_ns: int) -> Iterator[MessageBatch]:
     """Read a topic's messages with log times in [start_ns, end_ns].
 
     Messages of one log time are always in one batch. Memory holds the chunks that overlap in time and a few that are
@@ -91,12 +91,12 @@ def read(topic: StoredTopic, start_ns: int, end_ns: int) -> Iterator[Batch]:
         start_ns: First log time, in ns.
         end_ns: Last log time, included, in ns.
     """
-    for cuts in time_order.in_time(cut(topic, start_ns, end_ns, lambda found: found)):
+    for cuts in time_order.in_time(cut(topic, start_ns, end_ns, lambda messages: messages)):
         yield merge(cuts)
 
 
 @replanned
-def read_few(topic: StoredTopic, start_ns: int, end_ns: int) -> Batch | None:
+def read_few(topic: StoredTopic, start_ns: int, end_ns: int) -> MessageBatch | None:
     """Return at once what `read` yields, for a time range of a few messages; None if there are none.
 
     Nothing is read ahead, and a chunk that is still unpacked is not read again.
@@ -105,8 +105,11 @@ def read_few(topic: StoredTopic, start_ns: int, end_ns: int) -> Batch | None:
     for located in topic.chunks(start_ns, end_ns):
         file = topic.files[located.file]
         channels = file.index.channels_of(topic.name)
-        found = file.cut(located.chunk, channels, start_ns, end_ns)
-        cuts += [Cut(one, located.rank, Origin(file, channels[one.channel_id], located.chunk)) for one in found]
+        messages_by_channel = file.cut(located.chunk, channels, start_ns, end_ns)
+        cuts += [
+            Cut(messages, located.rank, MessageOrigin(file, channels[messages.channel_id], located.chunk))
+            for messages in messages_by_channel
+        ]
     return merge(cuts) if cuts else None
 
 
@@ -130,9 +133,9 @@ def cut(
     done: set[tuple[int, int]] = set()
     while True:
         try:
-            for key, found in _cut(topic, start_ns, end_ns, work, done):
+            for key, made in _cut(topic, start_ns, end_ns, work, done):
                 done.add(key)
-                yield found
+                yield made
         except ReindexedError:
             continue
         return
@@ -174,37 +177,41 @@ def _cut(
     def do(job: _Job) -> tuple[tuple[int, int], tuple[int, list[Work]]]:
         chunk = job.located.chunk
         key = (job.located.file, chunk.offset)
-        return key, (chunk.start_ns, [work(found) for found in _cut_out(job, start_ns, end_ns)])
+        return key, (chunk.start_ns, [work(messages) for messages in _cut_out(job, start_ns, end_ns)])
 
     return read_ahead.in_order(do, jobs(), weigh=lambda job: job.located.chunk.uncompressed_size)
 
 
 def _cut_out(job: _Job, start_ns: int, end_ns: int) -> Iterator[Cut]:
     file, chunk = job.file, job.located.chunk
-    channels = {one.id: one for one in job.channels if not chunk.indexed or one.id in chunk.message_index_offsets}
+    channels = {
+        channel.id: channel
+        for channel in job.channels
+        if not chunk.indexed or channel.id in chunk.message_index_offsets
+    }
     for messages in file.cut(chunk, channels, start_ns, end_ns, job.record) if channels else ():
-        yield Cut(messages, job.located.rank, Origin(file, channels[messages.channel_id], chunk))
+        yield Cut(messages, job.located.rank, MessageOrigin(file, channels[messages.channel_id], chunk))
 
 
-def merge(cuts: Sequence[Cut]) -> Batch:
+def merge(cuts: Sequence[Cut]) -> MessageBatch:
     """Bring the messages of several chunks into time order."""
     if len(cuts) == 1 and time_order.is_in_order(cuts[0].times_ns, cuts[0].messages.offsets):
         messages, origin = cuts[0].messages, cuts[0].origin
         origin_of = np.zeros(len(messages), np.intp)
-        return Batch(
+        return MessageBatch(
             messages.times_ns, messages.published_ns, messages.sequences, messages.payloads, [origin], origin_of
         )
-    times = np.concatenate([one.times_ns for one in cuts])
-    written = np.concatenate([one.written for one in cuts])
-    origin_of = np.repeat(np.arange(len(cuts)), [len(one.messages) for one in cuts])
-    published = np.concatenate([one.messages.published_ns for one in cuts])
-    sequences = np.concatenate([one.messages.sequences for one in cuts])
-    payloads = [payload for one in cuts for payload in one.messages.payloads]
-    origins = [one.origin for one in cuts]
+    times = np.concatenate([cut.times_ns for cut in cuts])
+    written = np.concatenate([cut.written for cut in cuts])
+    origin_of = np.repeat(np.arange(len(cuts)), [len(cut.messages) for cut in cuts])
+    published = np.concatenate([cut.messages.published_ns for cut in cuts])
+    sequences = np.concatenate([cut.messages.sequences for cut in cuts])
+    payloads = [payload for cut in cuts for payload in cut.messages.payloads]
+    origins = [cut.origin for cut in cuts]
     if time_order.is_in_order(times, written):
-        return Batch(times, published, sequences, payloads, origins, origin_of)
+        return MessageBatch(times, published, sequences, payloads, origins, origin_of)
     order = np.lexsort((written, times))
-    return Batch(
+    return MessageBatch(
         times[order],
         published[order],
         sequences[order],

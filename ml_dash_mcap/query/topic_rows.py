@@ -21,7 +21,7 @@ from ..time_hints import seconds_hint
 from . import topic_messages
 from .stored_topic import LAST_NS, StoredTopic
 from .time_order import TOLERANCE_NS, is_close
-from .topic_messages import Batch, Origin
+from .topic_messages import MessageBatch, MessageOrigin
 
 _AT_ONCE = 32
 """So many rows are decoded before the first one is handed out; more would set off the garbage collector."""
@@ -112,12 +112,12 @@ def stamped(
     decoders: dict[tuple[str, int], Decoder] = {}
     for batch in topic_messages.read(topic, *to_ns_range(low, high)):
         pairs = zip(_decode(batch, decoders), batch.times_ns.tolist(), strict=True)
-        found = [(row, time) for row, time in pairs if row is not None and low <= row[TIME_KEY] <= high]
-        if found:
-            yield [row for row, _ in found], [time for _, time in found]
+        stamped_rows = [(row, time) for row, time in pairs if row is not None and low <= row[TIME_KEY] <= high]
+        if stamped_rows:
+            yield [row for row, _ in stamped_rows], [time for _, time in stamped_rows]
 
 
-def of_batch(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterable[Row]:
+def of_batch(batch: MessageBatch, decoders: dict[tuple[str, int], Decoder]) -> Iterable[Row]:
     """Return the rows of messages, among which are all of each time stamp.
 
     Args:
@@ -130,7 +130,7 @@ def of_batch(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterable
     return (row for row in rows if row is not None)
 
 
-def _decode(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterator[Row | None]:
+def _decode(batch: MessageBatch, decoders: dict[tuple[str, int], Decoder]) -> Iterator[Row | None]:
     origins = batch.origins
     if len(origins) == 1:
         yield from decode(origins[0], batch.payloads, batch.times_ns, decoders)
@@ -144,7 +144,10 @@ def _decode(batch: Batch, decoders: dict[tuple[str, int], Decoder]) -> Iterator[
 
 
 def decode(
-    origin: Origin, payloads: list[bytes], times_ns: npt.NDArray[np.uint64], decoders: dict[tuple[str, int], Decoder]
+    origin: MessageOrigin,
+    payloads: list[bytes],
+    times_ns: npt.NDArray[np.uint64],
+    decoders: dict[tuple[str, int], Decoder],
 ) -> Iterator[Row | None]:
     """Turn messages into rows, each with its time stamp as `_ts`.
 
@@ -181,7 +184,7 @@ def _plain(codec: MessageCodec, payloads: list[bytes], times_ns: npt.NDArray[np.
 
 
 def _one_by_one(
-    origin: Origin, payloads: list[bytes], times_ns: npt.NDArray[np.uint64], decode_one: Decoder
+    origin: MessageOrigin, payloads: list[bytes], times_ns: npt.NDArray[np.uint64], decode_one: Decoder
 ) -> Iterator[Row | None]:
     for payload, time_ns in zip(payloads, times_ns.tolist(), strict=True):
         try:
@@ -199,7 +202,7 @@ def _one_by_one(
         yield row
 
 
-def decoder_of(origin: Origin, decoders: dict[tuple[str, int], Decoder]) -> Decoder:
+def decoder_of(origin: MessageOrigin, decoders: dict[tuple[str, int], Decoder]) -> Decoder:
     """Return what decodes a channel's messages; it is made once, and remembered in `decoders`."""
     key = key_of(origin)
     if key not in decoders:
@@ -209,7 +212,7 @@ def decoder_of(origin: Origin, decoders: dict[tuple[str, int], Decoder]) -> Deco
     return decoders[key]
 
 
-def _lose(origin: Origin, payload: bytes, time_ns: int, error: Exception) -> None:
+def _lose(origin: MessageOrigin, payload: bytes, time_ns: int, error: Exception) -> None:
     """Lose one message, or raise.
 
     Raises:
@@ -223,7 +226,7 @@ def _lose(origin: Origin, payload: bytes, time_ns: int, error: Exception) -> Non
     origin.file.lose_message(lost, origin.channel.id, hash((time_ns, payload)))
 
 
-def key_of(origin: Origin) -> tuple[str, int]:
+def key_of(origin: MessageOrigin) -> tuple[str, int]:
     """Return what tells a channel from all others of a recording."""
     return origin.file.source.name, origin.channel.id
 
@@ -235,17 +238,17 @@ def _set_time(row: Row, time: Any, time_ns: int) -> None:
     row[TIME_KEY] = float(time) if is_its_time else clock.to_seconds(time_ns)
 
 
-def _merge_same_times(batch: Batch, rows: list[Row | None]) -> list[Row]:
+def _merge_same_times(batch: MessageBatch, rows: list[Row | None]) -> list[Row]:
     merges = [origin.channel.metadata.get(KIND_KEY) == TRACK for origin in batch.origins]
     edges = np.flatnonzero(batch.times_ns[1:] != batch.times_ns[:-1]) + 1
     merged: list[Row] = []
     start = 0
     for end in (*edges.tolist(), len(rows)):
-        one = rows[start]
+        row = rows[start]
         if end - start > 1:
             merged += _merge_group(rows[start:end], [merges[which] for which in batch.origin_of[start:end].tolist()])
-        elif one is not None:
-            merged.append(one)
+        elif row is not None:
+            merged.append(row)
         start = end
     return merged
 

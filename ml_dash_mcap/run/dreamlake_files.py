@@ -41,8 +41,8 @@ class SessionFiles:
             tags: Keep files that have one of them.
         """
         wanted = None if tags is None else set(tags)
-        found = self._files(path).list()
-        return [file for file in found if not wanted or wanted.intersection(file["tags"])]
+        descriptions = self._files(path).list()
+        return [file for file in descriptions if not wanted or wanted.intersection(file["tags"])]
 
 
 class SessionFile:
@@ -82,13 +82,13 @@ class SessionFile:
         self._dest_path = dest_path
 
     def __repr__(self) -> str:
-        known = {
+        values = {
             "file_path": self._file_path,
             "prefix": self._prefix,
             "file_id": self._file_id,
             "dest_path": self._dest_path,
         }
-        given = [f"{name}={str(value)!r}" for name, value in known.items() if value is not None]
+        given = [f"{name}={str(value)!r}" for name, value in values.items() if value is not None]
         return f"<SessionFile {', '.join(given)}>"
 
     def save(self) -> Description:

@@ -24,7 +24,7 @@ SelfT = TypeVar("SelfT", bound="SessionTrack")
 DEFAULT_LIMIT = 1000
 
 
-class Part(TypedDict, total=False):
+class PointWindow(TypedDict, total=False):
     """What `read` takes besides the numbers of points."""
 
     start_timestamp: Seconds
@@ -104,22 +104,22 @@ class SessionTrack(BoundTopic):
 
     @overload
     def read(
-        self, start_index: int = 0, limit: int | None = None, *, format: Json = "json", **part: Unpack[Part]
+        self, start_index: int = 0, limit: int | None = None, *, format: Json = "json", **part: Unpack[PointWindow]
     ) -> Page: ...
     @overload
     def read(
-        self, start_index: int = 0, limit: int | None = None, *, format: BytesFormat, **part: Unpack[Part]
+        self, start_index: int = 0, limit: int | None = None, *, format: BytesFormat, **part: Unpack[PointWindow]
     ) -> bytes: ...
     @overload
     def read(
-        self, start_index: int = 0, limit: int | None = None, *, format: Literal["mocap"], **part: Unpack[Part]
+        self, start_index: int = 0, limit: int | None = None, *, format: Literal["mocap"], **part: Unpack[PointWindow]
     ) -> Take: ...
     @overload
     def read(
-        self, start_index: int = 0, limit: int | None = None, *, format: str = "json", **part: Unpack[Part]
+        self, start_index: int = 0, limit: int | None = None, *, format: str = "json", **part: Unpack[PointWindow]
     ) -> Any: ...
     def read(
-        self, start_index: int = 0, limit: int | None = None, *, format: str = "json", **part: Unpack[Part]
+        self, start_index: int = 0, limit: int | None = None, *, format: str = "json", **part: Unpack[PointWindow]
     ) -> Any:
         """Return points by index, by time, or both.
 
@@ -182,8 +182,8 @@ class SessionTrack(BoundTopic):
     def stats(self) -> dict[str, Any]:
         """Return the number of points, their times, and what was said about the track (see `pages.stats`)."""
         self.flush()
-        known = self._readback.about(self.name)
-        return pages.stats("trackId", self.name, known.said, known.count, known.times_s, self._readback.begun_s)
+        about = self._readback.about(self.name)
+        return pages.stats("trackId", self.name, about.described, about.count, about.times_s, self._readback.begun_s)
 
     def _earlier(self) -> int:
         """Points that the track had before this session."""

@@ -37,13 +37,13 @@ class Episodes:
         self, task: str | None, success: bool | None, metadata: Mapping[str, Any] | None, time: float | None
     ) -> OpenEpisode:
         """Begin an episode, and end the one that is still open; see `Experiment.episode`."""
-        said = _check(task, success, metadata)
+        stated = _check(task, success, metadata)
         about = TopicAbout(schema=self._schema, schema_name="ml_dash.episode")
         topic = open_topic(self._recorder, EPISODE_TOPIC, EPISODE, EventTopic, about)
         start = None if time is None else topic.time_of(time)
         with self._lock:
             self.end_open()
-            episode = OpenEpisode(topic, self._recorder.session, self._begun, start, *said)
+            episode = OpenEpisode(topic, self._recorder.session, self._begun, start, *stated)
             self._begun += 1
             self._open = episode
         return episode
@@ -176,15 +176,17 @@ class OpenEpisode:
 
     def _mark(self, time: float | None) -> None:
         """Write what is known of it, at a time, in s, or now."""
-        known = {"run": self._run, "number": self._number, "revision": self._revision}
-        known |= {name: value for name, value in (("start", self.start), ("end", self._end)) if value is not None}
+        mark = {"run": self._run, "number": self._number, "revision": self._revision}
+        mark |= {name: value for name, value in (("start", self.start), ("end", self._end)) if value is not None}
         self._revision += 1
         try:
-            said = dict(zip(_WORDS, _check(self.task, self.success, self.metadata), strict=True))
-            self._topic.add({**known, **{name: value for name, value in said.items() if value not in (None, {})}}, time)
+            stated = dict(zip(_WORDS, _check(self.task, self.success, self.metadata), strict=True))
+            self._topic.add(
+                {**mark, **{name: value for name, value in stated.items() if value not in (None, {})}}, time
+            )
         except FieldError:
             if not self.is_open:
-                self._topic.add(known, time)
+                self._topic.add(mark, time)
             raise
 
 

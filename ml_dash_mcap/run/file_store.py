@@ -51,9 +51,9 @@ class Details:
 
     def fields(self) -> dict[str, Any]:
         """Return what was said, as fields of a row; what was not is left out."""
-        said: dict[str, Any] = {"description": self.description, "tags": list(self.tags), "bindrs": list(self.bindrs)}
-        said["metadata"] = self.metadata
-        return {name: value for name, value in said.items() if value}
+        row: dict[str, Any] = {"description": self.description, "tags": list(self.tags), "bindrs": list(self.bindrs)}
+        row["metadata"] = self.metadata
+        return {name: value for name, value in row.items() if value}
 
 
 class FileStore:
@@ -111,11 +111,11 @@ class FileStore:
             NotFoundError: There is no such file.
         """
         self._rows.check_open()
-        found = self.folder / self.find(path)
+        source = self.folder / self.find(path)
         with _storage_errors(f"cannot delete {path}"), self._order_lock:
-            row = {"path": str(path), "bytes": found.stat().st_size, "sha256": "", "deleted": True}
+            row = {"path": str(path), "bytes": source.stat().st_size, "sha256": "", "deleted": True}
             row = {**row, "content_type": content_type(path.name), "saved": now_text()}
-            found.unlink()
+            source.unlink()
             self._rows.append(row)
         return {"id": str(path), "deletedAt": row["saved"]}
 
@@ -125,10 +125,10 @@ class FileStore:
         Raises:
             NotFoundError: There is no such file.
         """
-        found = self.folder.joinpath(path)
-        if not found.is_file():
+        place = self.folder.joinpath(path)
+        if not place.is_file():
             raise NotFoundError(f"no file {str(path)!r} in {self.folder}; files(...).list() gives those there are")
-        return found
+        return place
 
     def copy(self, path: PurePosixPath, to: Path, expected: str) -> str:
         """Copy a file out of the store and return where it lies now.
@@ -142,12 +142,12 @@ class FileStore:
             NotFoundError: There is no such file.
             StorageError: It cannot be written, or its content is not what was saved.
         """
-        found = self.find(path)
+        place = self.find(path)
         target = to / path.name if to.is_dir() else to
         with _storage_errors(f"cannot copy {path} to {target}"), self._beside(target) as partial:
-            shutil.copyfile(found, partial)
+            shutil.copyfile(place, partial)
             if expected and sha256(partial) != expected:
-                raise StorageError(f"{found} is damaged: its SHA-256 is not the {expected} that was saved")
+                raise StorageError(f"{place} is damaged: its SHA-256 is not the {expected} that was saved")
             os.replace(partial, target)
         return str(target)
 
@@ -161,8 +161,8 @@ class FileStore:
 
     def _walk(self, below: PurePosixPath) -> Iterator[PurePosixPath]:
         start = self.folder.joinpath(below)
-        found = [start] if start.is_file() else sorted(start.rglob("*"))
-        for path in found:
+        places = [start] if start.is_file() else sorted(start.rglob("*"))
+        for path in places:
             if path.is_file() and not path.name.startswith(_PARTIAL):
                 yield PurePosixPath(path.relative_to(self.folder).as_posix())
 
@@ -172,9 +172,9 @@ class FileStore:
 
     def _measured(self, path: PurePosixPath) -> dict[str, Any]:
         """Return the row that a file without one would have: somebody put it there by hand."""
-        found = self.folder.joinpath(path)
-        status = found.stat()
-        row = {"path": str(path), "bytes": status.st_size, "sha256": sha256(found)}
+        place = self.folder.joinpath(path)
+        status = place.stat()
+        row = {"path": str(path), "bytes": status.st_size, "sha256": sha256(place)}
         return {**row, "content_type": content_type(path.name), "saved": text_of(status.st_mtime)}
 
     def _description(self, row: dict[str, Any]) -> dict[str, Any]:

@@ -93,8 +93,8 @@ class Files:
         source = Path(fpath)
         if not source.is_file():
             raise StorageError(f"upload({str(fpath)!r}): there is no such file")
-        said = details(description, tags, bindrs, metadata)
-        return self._save(to or source.name, lambda place: _copy(source, place), said)
+        stated = details(description, tags, bindrs, metadata)
+        return self._save(to or source.name, lambda place: _copy(source, place), stated)
 
     def save_text(self, content: str, *, to: str) -> Description:
         """Save text as UTF-8."""
@@ -181,8 +181,8 @@ class Files:
         Args:
             pattern: Keep files whose name, or whose path inside this folder or the run's files, matches it ("*.png").
         """
-        found = self._store.list(self._path)
-        return found if pattern is None else [file for file in found if self._matches(file, pattern)]
+        descriptions = self._store.list(self._path)
+        return descriptions if pattern is None else [file for file in descriptions if self._matches(file, pattern)]
 
     def exists(self) -> bool:
         """Whether this is a file (and not a folder, or nothing)."""
@@ -210,12 +210,12 @@ class Files:
             NotFoundError: There is no such file.
             StorageError: A copy cannot be written, or a file is not what was saved.
         """
-        found = self._select(pattern)
+        descriptions = self._select(pattern)
         if _is_pattern(pattern):
             folder = Path(to or ".")
             folder.mkdir(parents=True, exist_ok=True)
-            return [self._copy(file, folder) for file in found]
-        return self._copy(found[0], Path(to or found[0]["filename"]))
+            return [self._copy(file, folder) for file in descriptions]
+        return self._copy(descriptions[0], Path(to or descriptions[0]["filename"]))
 
     def delete(self, pattern: str | None = None) -> Description | Descriptions:
         """Delete this file, or files of this folder; the recording says that they were there.
@@ -232,9 +232,9 @@ class Files:
         deleted = [self._store.delete(PurePosixPath(file["id"])) for file in self._select(pattern)]
         return deleted if _is_pattern(pattern) else deleted[0]
 
-    def _save(self, to: str, write: Callable[[Path], None], said: Details | None = None) -> Description:
+    def _save(self, to: str, write: Callable[[Path], None], stated: Details | None = None) -> Description:
         path = self._path.joinpath(*safe_paths.components(to, "file name"))
-        return self._store.save(path, write, said if said and said.fields() else self._details)
+        return self._store.save(path, write, stated if stated and stated.fields() else self._details)
 
     def _inside(self, folder: str | None) -> PurePosixPath:
         if folder is None or folder == "":
@@ -248,15 +248,15 @@ class Files:
     def _select(self, pattern: str | None) -> Descriptions:
         """Return the files that a pattern or a name means, or this file; at least one."""
         if pattern is not None and _is_pattern(pattern):
-            found = self.list(pattern)
+            descriptions = self.list(pattern)
             where = f"no file matches {pattern!r} in {str(self._path)!r}"
         else:
             path = self._path if pattern is None else self._inside(pattern)
-            found = self._store.list(path) if self._store.folder.joinpath(path).is_file() else []
+            descriptions = self._store.list(path) if self._store.folder.joinpath(path).is_file() else []
             where = f"no file {str(path)!r} among the run's files"
-        if not found:
+        if not descriptions:
             raise NotFoundError(f"{where}; list() gives those there are")
-        return found
+        return descriptions
 
     def _matches(self, file: Description, pattern: str) -> bool:
         path = PurePosixPath(file["id"])
@@ -276,8 +276,8 @@ def details(
 ) -> Details:
     """Return what a caller says about a file; one tag may come without a list."""
     listed = [(value,) if isinstance(value, str) else tuple(value or ()) for value in (tags, bindrs)]
-    said = dict(metadata) if metadata is not None else None
-    return Details(description=description, tags=listed[0], bindrs=listed[1], metadata=said)
+    given = dict(metadata) if metadata is not None else None
+    return Details(description=description, tags=listed[0], bindrs=listed[1], metadata=given)
 
 
 def _plain(value: Any) -> Any:

@@ -102,10 +102,10 @@ class Run(Generic[OwnerT, TrackT]):
         try:
             self._end(status, error if status == "failed" else None)
         except Exception as trouble:  # the body's exception goes on; what came of closing must not replace it
-            said = f"closing the run after this also failed: {type(trouble).__name__}: {trouble}"
-            _log.error("%s: %s", type(error).__name__, said)
+            note = f"closing the run after this also failed: {type(trouble).__name__}: {trouble}"
+            _log.error("%s: %s", type(error).__name__, note)
             if hasattr(error, "add_note"):
-                error.add_note(said)
+                error.add_note(note)
 
     def _end(self, status: Status, error: BaseException | None = None) -> None:
         if self.status is None:
@@ -130,13 +130,13 @@ def describe(
     Raises:
         FieldError: The metadata hold a value that cannot be stored.
     """
-    said = {name: text for name, text in (("readme", readme), ("description", description)) if text is not None}
+    texts = {name: text for name, text in (("readme", readme), ("description", description)) if text is not None}
     for name, listed in (("tags", tags), ("bindrs", bindrs)):
         if listed is not None:
-            said[name] = _json_text(name, [listed] if isinstance(listed, str) else list(listed))
+            texts[name] = _json_text(name, [listed] if isinstance(listed, str) else list(listed))
     if metadata is not None:
-        said["metadata"] = _json_text("metadata", dict(metadata))
-    return said
+        texts["metadata"] = _json_text("metadata", dict(metadata))
+    return texts
 
 
 def _json_text(name: str, value: Any) -> str:

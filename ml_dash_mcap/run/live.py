@@ -38,7 +38,7 @@ class Live(Generic[TrackT]):
         prefix: str,
         track_kind: type[TrackT],
         *,
-        said: Mapping[str, str],
+        metadata: Mapping[str, str],
         timestamps: Timestamps,
         options: RecorderOptions,
     ) -> None:
@@ -48,7 +48,7 @@ class Live(Generic[TrackT]):
             folder: The run's folder; made if it is not there.
             prefix: The run's name.
             track_kind: The class of its tracks.
-            said: What the caller said about the run, for its metadata record.
+            metadata: What the caller told about the run, for its metadata record.
             timestamps: Whether `append` needs a time stamp.
             options: The recorder's.
 
@@ -56,7 +56,7 @@ class Live(Generic[TrackT]):
             StorageError: The folder cannot be made, written or locked.
         """
         continued = _has_recordings(folder)
-        self.recorder = Recorder(folder, options, prefix=prefix, metadata=said, timestamps=timestamps)
+        self.recorder = Recorder(folder, options, prefix=prefix, metadata=metadata, timestamps=timestamps)
         try:
             self.readback = Readback(self.recorder)
             if continued:

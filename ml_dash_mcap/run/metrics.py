@@ -92,8 +92,8 @@ class Metric:
 
     def stats(self) -> dict[str, Any]:
         """Return the number of points, their times, and what was said about the metric (see `pages.stats`)."""
-        known = self._readback.about(self._topic.name)
-        return pages.stats("metricId", self.name, known.said, known.count, known.times_s, self._readback.begun_s)
+        about = self._readback.about(self._topic.name)
+        return pages.stats("metricId", self.name, about.described, about.count, about.times_s, self._readback.begun_s)
 
 
 class Metrics:

@@ -117,8 +117,8 @@ def flatten(values: Mapping[Any, Any], parent: str = "") -> dict[str, Any]:
         name = f"{parent}{key}"
         inner = _fields(value)
         below = flatten(inner, f"{name}.") if inner else {name: value if inner is None else {}}
-        for one in below.keys() & flat.keys():
-            raise FieldError(f"two parameters are called {one!r}; rename one of them")
+        for shared in below.keys() & flat.keys():
+            raise FieldError(f"two parameters are called {shared!r}; rename one of them")
         flat.update(below)
     return flat
 

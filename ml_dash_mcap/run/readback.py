@@ -25,7 +25,7 @@ class About:
     """Rows, after merging those of one time stamp."""
     times_s: tuple[float, float] | None = None
     """First and last time stamp; None without rows."""
-    said: dict[str, Any] = field(default_factory=dict)
+    described: dict[str, Any] = field(default_factory=dict)
     """Its description, tags and metadata."""
 
 
@@ -131,8 +131,8 @@ class Readback:
             return About()
         info = recording[topic].info
         times_s = None if info.start is None or info.end is None else (info.start, info.end)
-        said = {"description": info.description, "tags": list(info.tags), "metadata": dict(info.metadata) or None}
-        return About(info.count, times_s, said)
+        stated = {"description": info.description, "tags": list(info.tags), "metadata": dict(info.metadata) or None}
+        return About(info.count, times_s, stated)
 
     def tracks(self) -> list[str]:
         """Return the names of the tracks that have rows, sorted."""

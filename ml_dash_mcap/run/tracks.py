@@ -168,7 +168,7 @@ class TrackSlice:
             RangeError: A time is no number.
         """
         if isinstance(timestamp, Iterable) and not isinstance(timestamp, str) and getattr(timestamp, "ndim", None) != 0:
-            return [self._find(one) for one in timestamp]
+            return [self._find(time) for time in timestamp]
         return self._find(timestamp)
 
     def _find(self, timestamp: Any) -> Entry:
@@ -258,8 +258,8 @@ class Tracks(Generic[TrackT]):
             StateError: The run has ended.
         """
         track = self._opened.get(topic) if isinstance(topic, str) else None
-        said = (description, tags, metadata, units, joint_names, frame_id, quat_order)
-        if track is not None and said == NO_ANNOTATIONS:
+        given = (description, tags, metadata, units, joint_names, frame_id, quat_order)
+        if track is not None and given == NO_ANNOTATIONS:
             return track
         check_topic(topic)
         more = collect(units, joint_names, frame_id, quat_order)
