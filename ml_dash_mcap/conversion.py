@@ -125,8 +125,8 @@ def _options_of_reading(src: str | Path, format: str, options: Mapping[str, Any]
     for name in rest:
         if name not in reading:
             names = [*reading, *options_of(format)]
-            what = f"they have {', '.join(names)}. {did_you_mean(name, names, spelling='{}=')}".rstrip(" .")
-            raise UsageError(f"reading {src} and writing {format!r} have no option {name!r}; {what}")
+            problem = f"they have {', '.join(names)}. {did_you_mean(name, names, spelling='{}=')}".rstrip(" .")
+            raise UsageError(f"reading {src} and writing {format!r} have no option {name!r}; {problem}")
     return {name: value for name, value in rest.items() if name in reading}
 
 

@@ -96,8 +96,8 @@ def refuse_existing(dest: Path) -> None:
         return
     keep = _keep.get()
     if keep is None:
-        what = "is there already; overwrite=True (--overwrite) replaces it, or choose another place"
-        raise DestinationExistsError(errno.EEXIST, what, str(dest))
+        problem = "is there already; overwrite=True (--overwrite) replaces it, or choose another place"
+        raise DestinationExistsError(errno.EEXIST, problem, str(dest))
     reason = keep(dest)
     if reason:
         raise DestinationExistsError(errno.EEXIST, f"cannot be replaced: it {reason}", str(dest))
@@ -108,8 +108,8 @@ def _refuse_other_kind(dest: Path, is_folder: bool) -> None:
     if dest.exists() and dest.is_dir() != is_folder and not _is_empty_folder(dest):
         kinds = ("a folder", "a file")
         present, new = kinds if dest.is_dir() else kinds[::-1]
-        what = f"cannot be replaced: it is {present}, and what is written is {new}"
-        raise DestinationExistsError(errno.EEXIST, what, str(dest))
+        problem = f"cannot be replaced: it is {present}, and what is written is {new}"
+        raise DestinationExistsError(errno.EEXIST, problem, str(dest))
 
 
 def _is_empty_folder(path: Path) -> bool:

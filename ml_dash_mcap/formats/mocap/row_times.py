@@ -201,6 +201,6 @@ def _by_frames(clue: Clue, parts: Iterable[NumberPart], grid: float) -> Timing |
             best, chosen = worst - grid * _SLACK, (start, base)
     if chosen is None:
         return None
-    what = "rows" if clue.frame is None else "frame numbers"
-    source = f"{what} at {clue.rate!r} Hz, for the printed times have too few decimals"
+    counted = "rows" if clue.frame is None else "frame numbers"
+    source = f"{counted} at {clue.rate!r} Hz, for the printed times have too few decimals"
     return Timing(0.0, clue.rate, *chosen, source)

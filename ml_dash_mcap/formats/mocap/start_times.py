@@ -70,7 +70,7 @@ _DATES = (
 _TIME = re.compile(r"(?<!\d)(\d{1,2})[.,:](\d\d)[.,:](\d\d)(?:[.,:](\d{1,9}))?(?!\d)")
 
 
-def read(path: Path, text: str, what: str, timezone: str) -> float | None:
+def read(path: Path, text: str, key: str, timezone: str) -> float | None:
     """Return the moment that a header names, in s since 1970; None if it names none.
 
     What is not understood draws a warning.
@@ -78,7 +78,7 @@ def read(path: Path, text: str, what: str, timezone: str) -> float | None:
     Args:
         path: The file, for the warning.
         text: Such as "2019-09-18 04.30.02.695 PM", "2019-09-18 10.27.58.765 p. m.", "2019-09-18 16:30:02".
-        what: What the header calls it.
+        key: What the header calls it.
         timezone: An IANA name.
 
     Raises:
@@ -90,7 +90,7 @@ def read(path: Path, text: str, what: str, timezone: str) -> float | None:
     seconds = _seconds(text, timezone)
     if seconds is None:
         warnings.warn(
-            f"{path}: {what} {text.strip()!r} is not understood, so the time stamps count from 0; pass start= to say"
+            f"{path}: {key} {text.strip()!r} is not understood, so the time stamps count from 0; pass start= to say"
             " the time stamp of the file's time 0",
             ConversionWarning,
             stacklevel=4,

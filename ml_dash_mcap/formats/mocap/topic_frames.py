@@ -142,12 +142,12 @@ class TopicFrames:
             self.bad += int(bad.sum())
             return
         row = int(bad.argmax())
-        what = (
+        problem = (
             "is no rotation" if len(numbers[row]) == 16 else f"has the length {np.linalg.norm(numbers[row]):.6g}, not 1"
         )
         raise ConversionError(
             f"topic {thing.topic!r}, field {source.columns[0]!r}, _ts={float(times[row])!r}:"
-            f" {numbers[row].tolist()} {what}; pass on_bad='missing' to leave such values out"
+            f" {numbers[row].tolist()} {problem}; pass on_bad='missing' to leave such values out"
         )
 
     def _suspect(self, thing: Body, numbers: Floats) -> None:

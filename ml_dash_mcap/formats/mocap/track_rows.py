@@ -154,12 +154,12 @@ def checked(
     if cells.on_bad == "raise":
         row = int((~good).argmax())
         time = float(times[row])
-        what = f"the row has the time {time!r} s, and those of a recording go from 0 to the year 2262"
+        problem = f"the row has the time {time!r} s, and those of a recording go from 0 to the year 2262"
         if time != time:
-            what = "the row has no time"
+            problem = "the row has no time"
         elif time < 0:
-            what += f"; pass a start= that is larger by {-time!r}"
-        raise ForeignFileError(cells.path, f"{what}; pass on_bad='missing' to leave it out", int(lines[row]), column)
+            problem += f"; pass a start= that is larger by {-time!r}"
+        raise ForeignFileError(cells.path, f"{problem}; pass on_bad='missing' to leave it out", int(lines[row]), column)
     cells.bad += int((~good).sum())
     return times[good], good
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import orjson
 import pyarrow as pa
 
 from ...capture.topic_registry import TopicAbout
@@ -23,7 +22,7 @@ from ...rows.encode import TIME_KEY
 from ...rows.typed_columns import ENCODING_KEY, from_text
 from ...topic import Topic
 from .. import vector_names
-from .table_about import OTHER_CLOCK, SHAPE_KEY, UNIT_KEY, WALL_CLOCK, TableAbout, properties_of
+from .table_about import OTHER_CLOCK, UNIT_KEY, WALL_CLOCK, TableAbout, properties_of, shape_in
 
 ABSENT: Any = object()
 
@@ -220,7 +219,7 @@ def _maker(field: pa.Field, nothing: Any, name: str, types: Mapping[str, str]) -
         return lambda value: nothing if value is None else from_text(value)
     if pa.types.is_null(type_):
         return lambda value: None
-    shape = _shape(metadata)
+    shape = shape_in(metadata)
     if name in types:
         return lambda value: nothing if value is None else _large(_reshaped(value, shape), types[name])
     if len(shape) > 1:
@@ -248,16 +247,6 @@ def _has_values(type_: pa.DataType) -> bool:
     if pa.types.is_struct(type_):
         return any(_has_values(type_.field(at).type) for at in range(type_.num_fields))
     return not pa.types.is_null(type_)
-
-
-def _shape(metadata: Mapping[bytes, bytes]) -> tuple[int, ...]:
-    try:
-        shape = orjson.loads(metadata.get(SHAPE_KEY, b"[]"))
-    except orjson.JSONDecodeError:
-        return ()
-    return (
-        tuple(shape) if isinstance(shape, list) and all(type(length) is int and length > 0 for length in shape) else ()
-    )
 
 
 def _reshaped(flat: list[Any], shape: tuple[int, ...]) -> list[Any]:
@@ -292,7 +281,7 @@ def _array(field: pa.Field, column: pa.Array) -> Any:
     if shape is None or not is_number or 0 in shape or (shape and leaf.null_count):
         return None
     present = column.is_valid().to_numpy(zero_copy_only=False)
-    stated = _shape(field.metadata or {}) or shape
+    stated = shape_in(field.metadata or {}) or shape
     if len(shape) <= 1:
         shape = stated
     values = np.zeros((len(column), *shape), leaf.type.to_pandas_dtype())

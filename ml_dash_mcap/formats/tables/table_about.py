@@ -14,9 +14,6 @@ from ...rows.encode import TIME_KEY
 ABOUT_KEY = "ml_dash"
 """The key of a file's metadata whose value is the JSON."""
 
-SHAPE_KEY = b"ml_dash.shape"
-"""Metadata of a vector's or matrix's column: its shape, such as `[4, 4]`; the values lie row by row."""
-
 UNIT_KEY = b"ml_dash.unit"
 """Metadata of a column: its unit, if the topic's metadata has one under `units`."""
 
@@ -24,6 +21,7 @@ WALL_CLOCK, OTHER_CLOCK = "timestamp", "timestamp_ns"
 """The column that says the same as that of time stamps, for other readers: as instants in UTC of a clock that shows
 wall-clock time, or in ns of other clocks."""
 
+_SHAPE_KEY = b"ml_dash.shape"
 _ANNOTATIONS = ("units", "joint_names", "quat_order", "frame_id")
 """Keys of a topic's metadata that stand at the top of the JSON."""
 
@@ -106,3 +104,18 @@ def properties_of(schema: Any) -> Mapping[str, Any]:
     """Return the properties of a JSON Schema; nothing of what is none."""
     properties = schema.get("properties") if isinstance(schema, Mapping) else None
     return properties if isinstance(properties, Mapping) else {}
+
+
+def shape_metadata(shape: Sequence[int]) -> dict[bytes, bytes]:
+    """Return the metadata of a column of vectors or matrices, such as `[4, 4]`, whose values lie row by row."""
+    return {_SHAPE_KEY: orjson.dumps(shape)} if shape else {}
+
+
+def shape_in(metadata: Mapping[bytes, bytes]) -> tuple[int, ...]:
+    """Return the shape that `shape_metadata` put into a column's metadata; () if there is none."""
+    try:
+        shape = orjson.loads(metadata.get(_SHAPE_KEY, b"[]"))
+    except orjson.JSONDecodeError:
+        return ()
+    is_shape = isinstance(shape, list) and all(type(length) is int and length > 0 for length in shape)
+    return tuple(shape) if is_shape else ()

@@ -104,8 +104,8 @@ def record(file: TableFile, name: str, recorder: Recorder, options: TableReadOpt
         intake.add(batch)
         counter.add(batch.num_rows)
     if not intake.rows:
-        what = f"{file.path}: the table has no rows, so there is no topic of it"
-        warnings.warn(what, ConversionWarning, stacklevel=4)
+        problem = f"{file.path}: the table has no rows, so there is no topic of it"
+        warnings.warn(problem, ConversionWarning, stacklevel=4)
     if intake.left_out:
         warnings.warn(
             f"{file.path}: {intake.left_out} rows without a time were left out", ConversionWarning, stacklevel=4
@@ -135,8 +135,8 @@ class _Intake:
             at = int((~good).argmax())
             value = batch.column(name)[at].as_py()
             hint = table_times.hint(float(times[at]))
-            what = f"the time is {value!r} in the column {name!r}, which is no time stamp; {hint}"
-            raise ForeignFileError(self._file.path, f"{self._file.place(first + at)}: {what}")
+            problem = f"the time is {value!r} in the column {name!r}, which is no time stamp; {hint}"
+            raise ForeignFileError(self._file.path, f"{self._file.place(first + at)}: {problem}")
         self.left_out += int((~good).sum())
         return batch.filter(pa.array(good)), times[good]
 

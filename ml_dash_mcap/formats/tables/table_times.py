@@ -163,11 +163,11 @@ def _named(path: Path, schema: pa.Schema, time_column: str | None) -> str:
     raise _none(path, schema, "no column is called like a time")
 
 
-def _none(path: Path, schema: pa.Schema, what: str) -> ForeignFileError:
+def _none(path: Path, schema: pa.Schema, problem: str) -> ForeignFileError:
     """Return the error for a table without a time, which lists its columns."""
     shown = ", ".join(f"{field.name} ({field.type})" for field in list(schema)[:40])
     more = f" and {len(schema) - 40} more" if len(schema) > 40 else ""
-    return ForeignFileError(path, f"{what}; pass time_column= to convert(), one of {shown}{more}")
+    return ForeignFileError(path, f"{problem}; pass time_column= to convert(), one of {shown}{more}")
 
 
 def _may_be_time(type_: pa.DataType) -> bool:

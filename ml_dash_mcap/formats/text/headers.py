@@ -34,43 +34,43 @@ class HeaderLines:
         self._file.seek(at)
         return self.next("its end")
 
-    def next(self, what: str) -> str:
+    def next(self, expected: str) -> str:
         """Return the next line without its end.
 
         Args:
-            what: What should stand there, for the error message.
+            expected: What should stand there, for the error message.
 
         Raises:
             ForeignFileError: The file ends here, or the line does not end.
         """
         raw = self._file.readline(_LONGEST_BYTES)
         if not raw:
-            raise ForeignFileError(self._path, f"the file ends before {what}", self.line + 1)
+            raise ForeignFileError(self._path, f"the file ends before {expected}", self.line + 1)
         if len(raw) >= _LONGEST_BYTES:
             raise ForeignFileError(self._path, f"the line has more than {_LONGEST_BYTES} bytes", self.line + 1)
         self.line += 1
         return decoded(raw).lstrip("\ufeff").rstrip("\r\n") if self.line == 1 else decoded(raw).rstrip("\r\n")
 
-    def first(self, what: str) -> str:
+    def first(self, expected: str) -> str:
         """Return the first line that is not blank and no filler.
 
         Raises:
             ForeignFileError: As `next`.
         """
-        line = self.next(what)
+        line = self.next(expected)
         while is_filler(line):
-            line = self.next(what)
+            line = self.next(expected)
         return line
 
-    def row(self, what: str, dialect: Dialect) -> list[str]:
+    def row(self, expected: str, dialect: Dialect) -> list[str]:
         """Return the cells of the next line that has any, without the empty ones at its end.
 
         Raises:
             ForeignFileError: As `next`.
         """
-        line = self.next(what)
+        line = self.next(expected)
         while dialect.is_blank(line):
-            line = self.next(what)
+            line = self.next(expected)
         return without_empty_end(dialect.split(line))
 
     def at(self) -> int:
@@ -118,7 +118,7 @@ def refuse_numbers(path: Path, cells: Sequence[str], row: str, line: int) -> Non
 
 
 def unit_of_length(
-    path: Path, stated: str, asked: str | None, what: str, line: int | None = None, at: int | None = None
+    path: Path, stated: str, asked: str | None, phrase: str, line: int | None = None, at: int | None = None
 ) -> str:
     """Return the unit of a file's lengths: "m", "cm" or "mm".
 
@@ -126,7 +126,7 @@ def unit_of_length(
         path: The file.
         stated: What the file says.
         asked: The option of the caller, which comes before the file's own word.
-        what: The file's word for it, for the error message, such as "the unit".
+        phrase: The file's word for it, for the error message, such as "the unit".
         line: Where the file says it.
         at: In which column.
 
@@ -141,7 +141,7 @@ def unit_of_length(
         return unit
     unit = length_unit(stated)
     if unit is None:
-        wrong = f"{what} {stated!r} is not known; m, cm and mm are" if stated.strip() else f"{what} is missing"
+        wrong = f"{phrase} {stated!r} is not known; m, cm and mm are" if stated.strip() else f"{phrase} is missing"
         raise ForeignFileError(path, f"{wrong}; pass length_units= to say it", line, at)
     return unit
 

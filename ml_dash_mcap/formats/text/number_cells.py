@@ -253,9 +253,9 @@ class Cells:
             cells.pop()
         is_short = len(cells) < self.columns
         if len(cells) > self.columns or (is_short and not self.allow_short):
-            what = f"the line has {len(cells)} cells, but the header has {self.columns}{self._hint(text)}"
+            problem = f"the line has {len(cells)} cells, but the header has {self.columns}{self._hint(text)}"
             if self.on_bad == "raise":
-                raise ForeignFileError(self.path, what, line)
+                raise ForeignFileError(self.path, problem, line)
             bad = abs(len(cells) - self.columns)
         cells = [*cells[: self.columns], *[""] * (self.columns - len(cells))]
         texts: dict[int, str | None] = {at: cells[at].strip(BLANKS) or None for at in self.texts}

@@ -46,8 +46,8 @@ def read_pairs(path: Path, line: str, dialect: Dialect) -> dict[str, str]:
     """Return the first line's keys and values."""
     cells = dialect.split(line)
     if not cells or cells[0] != layout.FORMAT_VERSION:
-        what = f"the file does not begin with {layout.FORMAT_VERSION!r}; it is no CSV of Motive's"
-        raise ForeignFileError(path, what, 1, 1)
+        problem = f"the file does not begin with {layout.FORMAT_VERSION!r}; it is no CSV of Motive's"
+        raise ForeignFileError(path, problem, 1, 1)
     pairs = {key: value for key, value in zip(cells[::2], cells[1::2], strict=False) if key}
     version = pairs.get(layout.FORMAT_VERSION, "").replace(",", ".")
     if version not in layout.VERSIONS:
@@ -80,12 +80,14 @@ def read_columns(path: Path, header: HeaderLines, dialect: Dialect) -> ColumnHea
         raise ForeignFileError(path, "the column after 'Frame' is not 'Time'", lines[-1], time + 1)
     named = _named(path, above, lines, leading)
     width = max(len(without_empty_end(row)) for row in (axes, *(row for row, _ in named.values())))
-    for what, (row, line) in named.items():
+    for row_name, (row, line) in named.items():
         if len(row) != len(axes) and (len(row) < width or any(row[width:])):
-            raise ForeignFileError(path, f"the row of {what} has {len(row)} cells, but that of axes {len(axes)}", line)
+            raise ForeignFileError(
+                path, f"the row of {row_name} has {len(row)} cells, but that of axes {len(axes)}", line
+            )
     axes = [*axes, *[""] * (width - len(axes))][:width]
     header_columns = [
-        HeaderColumn._make([*(named[what][0][at] for what in ("types", "names", "IDs", "groups")), axes[at]])
+        HeaderColumn._make([*(named[row_name][0][at] for row_name in ("types", "names", "IDs", "groups")), axes[at]])
         for at in range(leading, width)
     ]
     for at, column in enumerate(header_columns, leading + 1):
@@ -119,10 +121,10 @@ def _named(
         if len(plain) == 3 and wanted["groups"] is None:  # version 1.2 may have no IDs
             wanted["groups"], wanted["IDs"] = wanted["IDs"], wanted["names"]
     rows_by_label: dict[str, tuple[list[str], int]] = {}
-    for what, placed in wanted.items():
+    for row_name, placed in wanted.items():
         if placed is None:
-            raise ForeignFileError(path, f"the header has no row of {what}", lines[-1])
-        rows_by_label[what] = placed
+            raise ForeignFileError(path, f"the header has no row of {row_name}", lines[-1])
+        rows_by_label[row_name] = placed
     return rows_by_label
 
 

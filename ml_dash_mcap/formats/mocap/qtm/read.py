@@ -129,10 +129,10 @@ def _keys(path: Path, header: HeaderLines, dialect: Dialect) -> tuple[dict[str, 
             more = without_empty_end(cells[1:])
             keys[cells[0]] = [*keys.get(cells[0], []), *more] if cells[0] == "EVENT" else keys.get(cells[0], more)
     if layout.MARKERS not in keys and layout.BODIES not in keys:
-        what = (
+        problem = (
             "2D data" if _first_cell(keys, layout.INCLUDED) == "2D" else f"neither {layout.MARKERS} nor {layout.BODIES}"
         )
-        raise ForeignFileError(path, f"the header has {what}; export 3D or 6D data with the TSV header", header.line)
+        raise ForeignFileError(path, f"the header has {problem}; export 3D or 6D data with the TSV header", header.line)
     return keys, cells[0] == layout.COLUMNS[0]
 
 

@@ -91,8 +91,8 @@ class VectorCells(Cells):
                 elements = [""] * size
             if number and len(elements) != size:
                 if self.on_bad == "raise":
-                    what = f"{cell[:40]!r} has {len(elements)} elements, and a {self._kind.word} has {size}"
-                    raise ForeignFileError(self.path, what, line, number + 1)
+                    problem = f"{cell[:40]!r} has {len(elements)} elements, and a {self._kind.word} has {size}"
+                    raise ForeignFileError(self.path, problem, line, number + 1)
                 elements = ["?"] * size
             numbers += elements
         return numbers

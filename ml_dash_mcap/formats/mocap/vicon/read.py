@@ -107,8 +107,8 @@ class _Table:
         cells.learn(head + tail)
         subs = cells.sample(head + tail)[:, 1]
         sub_frames = int(np.nanmax(subs, initial=0.0)) + 1 if not np.isnan(subs).all() else 1
-        what = "frame" if sub_frames == 1 else "frame and sub frame"
-        when = Timing(origin, section.rate, source=f"{what} numbers at {section.rate!r} Hz")
+        numbered = "frame" if sub_frames == 1 else "frame and sub frame"
+        when = Timing(origin, section.rate, source=f"{numbered} numbers at {section.rate!r} Hz")
         return cls(section, cells, placements, metadata, note, when, sub_frames)
 
     def first_stamp(self, file: BinaryIO) -> float:
@@ -208,8 +208,8 @@ def _append_events(
         time = number(event.get(word, ""))
         if time is None or when.origin + time + when.shift < 0:
             if on_bad == "raise":
-                what = f"the event has the time {event.get(word, '')!r}, which is none"
-                raise ForeignFileError(path, f"{what}; pass on_bad='missing' to leave it out", line)
+                problem = f"the event has the time {event.get(word, '')!r}, which is none"
+                raise ForeignFileError(path, f"{problem}; pass on_bad='missing' to leave it out", line)
             continue
         event_fields = {key.lower().replace(" ", "_"): value for key, value in event.items() if key and key != word}
         rows.append({**event_fields, "_ts": when.origin + time + when.shift})

@@ -126,16 +126,16 @@ def _axes(path: Path, header: HeaderLines, dialect: Dialect, text: str) -> list[
     """Return the axes of all columns."""
     axes = without_empty_end(dialect.split(text))
     if [axis.lower().replace(" ", "") for axis in axes[: layout.LEADING]] != _FIRST_COLUMNS:
-        what = f"the row of axes does not begin with {' and '.join(layout.COLUMNS)}"
-        raise ForeignFileError(path, what, header.line, 1)
+        problem = f"the row of axes does not begin with {' and '.join(layout.COLUMNS)}"
+        raise ForeignFileError(path, problem, header.line, 1)
     return axes
 
 
-def _line(header: HeaderLines, what: str) -> str:
+def _line(header: HeaderLines, expected: str) -> str:
     """Return the next line that is not blank."""
-    text = header.next(what)
+    text = header.next(expected)
     while not title_of(text):
-        text = header.next(what)
+        text = header.next(expected)
     return text
 
 

@@ -136,8 +136,8 @@ class _CsvFile:
         try:
             return csv_types.converted(cells, quoted, self._types[at], self._decimal, is_ours=self.about is not None)
         except pa.ArrowInvalid as error:
-            what = f"the column {self._names[at]!r} changed while it was read: {error}"
-            raise ForeignFileError(self.path, what, int(rows.lines[0])) from error
+            problem = f"the column {self._names[at]!r} changed while it was read: {error}"
+            raise ForeignFileError(self.path, problem, int(rows.lines[0])) from error
 
 
 def _has_plain(rows: CellRows) -> bool:

@@ -79,8 +79,8 @@ class Tokens:
                 if rows is not None and rows.height:
                     yield rows
                 if len(rest) > _LONGEST_ROW_BYTES:
-                    what = f"the row has more than {_LONGEST_ROW_BYTES} bytes, or a quote in it does not end"
-                    raise ForeignFileError(self.path, what, line)
+                    problem = f"the row has more than {_LONGEST_ROW_BYTES} bytes, or a quote in it does not end"
+                    raise ForeignFileError(self.path, problem, line)
         rows, _, _ = self._some(rest, line, done, is_header, is_last=True)
         if rows is not None and rows.height:
             yield rows
@@ -178,12 +178,12 @@ class Tokens:
 
     def _check_count(self, row: list[bytes], line: int) -> None:
         """Raise ForeignFileError if a row has too many cells, or too few."""
-        what = f"the row has {len(row)} cells, but the header {self.columns}"
+        problem = f"the row has {len(row)} cells, but the header {self.columns}"
         if any(row[self.columns :]):
-            raise ForeignFileError(self.path, what, line, self.columns + 1)
+            raise ForeignFileError(self.path, problem, line, self.columns + 1)
         if len(row) < self.columns and not self.allow_short:
             hint = "; pass on_bad='missing' to convert() to take those that are there"
-            raise ForeignFileError(self.path, what + hint, line)
+            raise ForeignFileError(self.path, problem + hint, line)
 
     def _check_text(self, data: bytes, line: int) -> None:
         if data.isascii():
@@ -192,8 +192,8 @@ class Tokens:
             data.decode()
         except UnicodeDecodeError as error:
             at = line + data.count(b"\n", 0, error.start)
-            what = f"the byte 0x{data[error.start]:02x} is no UTF-8; pass encoding= to convert(), such as 'cp1252'"
-            raise ForeignFileError(self.path, what, at) from error
+            problem = f"the byte 0x{data[error.start]:02x} is no UTF-8; pass encoding= to convert(), such as 'cp1252'"
+            raise ForeignFileError(self.path, problem, at) from error
 
 
 def _breaks(data: bytes, start: int, end: int) -> int:

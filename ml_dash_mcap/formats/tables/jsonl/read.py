@@ -90,8 +90,8 @@ class _LinesFile:
                 counter.add(len(waiting))
                 waiting, size = [], 0
         if topic is None and not waiting:
-            what = f"{self._path}: the file has no rows, so there is no topic of it"
-            warnings.warn(what, ConversionWarning, stacklevel=4)
+            problem = f"{self._path}: the file has no rows, so there is no topic of it"
+            warnings.warn(problem, ConversionWarning, stacklevel=4)
         else:
             topic = topic or self._open([row for _, row in waiting])
             self._append(topic, waiting)
@@ -119,14 +119,14 @@ class _LinesFile:
         """Return the row of a line; None for a line that is no JSON object, where such lines are left out."""
         try:
             row = _loads(text)
-            what = f"the line is {text[:40].decode('utf-8', 'replace')!r}, which is no JSON object"
+            problem = f"the line is {text[:40].decode('utf-8', 'replace')!r}, which is no JSON object"
         except ValueError as error:
-            row, what = None, f"the line is no JSON: {error}"
+            row, problem = None, f"the line is no JSON: {error}"
         if isinstance(row, dict):
             return row
         if self._options.on_bad == "raise":
             raise ForeignFileError(
-                self._path, f"{what}; pass on_bad='missing' to convert() to leave such lines out", line
+                self._path, f"{problem}; pass on_bad='missing' to convert() to leave such lines out", line
             )
         self._left_out += 1
         return None
@@ -159,8 +159,8 @@ class _LinesFile:
             at = int((~good).argmax())
             value = rows[at].get(self._time.name)
             hint = table_times.hint(float(times[at]))
-            what = f"the time is {value!r} under the key {self._time.name!r}, which is no time stamp; {hint}"
-            raise ForeignFileError(self._path, what, numbered[at][0])
+            problem = f"the time is {value!r} under the key {self._time.name!r}, which is no time stamp; {hint}"
+            raise ForeignFileError(self._path, problem, numbered[at][0])
         self._left_out += int((~good).sum())
         keeps = not (self._time.unit == "s" and self._time.is_number)
         made = [

@@ -19,7 +19,7 @@ from ....rows.table import Block
 from ....rows.to_data_frames import nanoseconds
 from ....rows.typed_columns import ENCODING_KEY, Column, cast_to_file, shape_of, whole
 from .. import nested_columns
-from ..table_about import OTHER_CLOCK, SHAPE_KEY, UNIT_KEY, WALL_CLOCK, properties_of
+from ..table_about import OTHER_CLOCK, UNIT_KEY, WALL_CLOCK, properties_of, shape_metadata
 
 Make = Callable[[pa.Array], pa.Array]
 
@@ -113,7 +113,7 @@ class ParquetLayout:
             about[UNIT_KEY] = (unit if isinstance(unit, str) else orjson.dumps(unit).decode()).encode()
         lengths = vector_lengths(values)
         if not (self._flat and lengths):
-            shape = {SHAPE_KEY: orjson.dumps(lengths)} if lengths else {}
+            shape = shape_metadata(lengths)
             yield name, pa.field(name, stored_type(values), metadata={**about, **shape} or None), lambda array: array
             return
         for place, index in enumerate(np.ndindex(*lengths)):

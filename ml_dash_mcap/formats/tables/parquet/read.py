@@ -118,8 +118,8 @@ class _ParquetFile:
                     raise
                 lost += rest
         if lost:
-            what = f"{self.path}: {lost} of {self.rows} rows are damaged and were left out"
-            warnings.warn(what, ConversionWarning, stacklevel=4)
+            problem = f"{self.path}: {lost} of {self.rows} rows are damaged and were left out"
+            warnings.warn(problem, ConversionWarning, stacklevel=4)
 
     def place(self, row: int) -> str:
         """Return where a row stands, in words."""
