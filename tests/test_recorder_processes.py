@@ -207,6 +207,47 @@ def test_a_forked_child_cannot_record_and_does_no_harm(tmp_path: Path, end: str)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_a_fork_while_another_thread_opens_a_topic_does_not_hang(tmp_path: Path) -> None:
+    done = run_python(
+        """
+        import os, signal, threading
+        from ml_dash_mcap.capture.journal import Journal
+        from ml_dash_mcap.errors import StateError
+        from ml_dash_mcap.recorder import Recorder
+        r = Recorder(sys.argv[1])
+        old, opening, goes_on = r.topic("old"), threading.Event(), threading.Event()
+        register = Journal.register
+        def slowly(*definition):
+            opening.set()
+            goes_on.wait()
+            register(*definition)
+        Journal.register = slowly
+        thread = threading.Thread(target=lambda: r.topic("slow").append(x=1, _ts=1.0))
+        thread.start()
+        opening.wait()
+        pid = os.fork()
+        if pid == 0:
+            signal.alarm(20)
+            assert r.topic("old") is old
+            for use in (lambda: r.topic("new"), lambda: r.topic("old", description="more")):
+                try:
+                    use()
+                except StateError:
+                    continue
+                os._exit(7)
+            os._exit(0)
+        assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
+        goes_on.set()
+        thread.join()
+        r.close()
+        """,
+        str(tmp_path),
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert disk.rows(tmp_path) == {"slow": [{"x": 1, "_ts": 1.0}]}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 def test_forks_while_other_threads_record_neither_hang_nor_lose(tmp_path: Path) -> None:
     done = run_python(
         """
