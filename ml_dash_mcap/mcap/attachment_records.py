@@ -1,4 +1,4 @@
-"""The attachments of one MCAP file: where they lie, by its index or by a walk, and their bytes."""
+"""The attachments of one MCAP file: where they lie, by its index or by a scan, and their bytes."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _NAMES_BYTES = 64 * 1024
 
 
 def entries(file: IndexedFile) -> Sequence[AttachmentEntry]:
-    """Return where a file's attachments lie, in its order: by its index, or by a walk where that is wrong."""
+    """Return where a file's attachments lie, in its order: by its index, or by a scan where that is wrong."""
     glance = file.glance
     statistics = glance.statistics
     if statistics is not None and statistics.attachment_count != len(glance.attachments):
-        return list(_walk(file))
+        return list(_scan(file))
     wrong = next((entry for entry in glance.attachments if not _is_there(file, entry)), None)
     if wrong is not None:
         what = f"the attachment index says that {wrong.name!r} is here, with its size and times, which is not so"
-        walked = list(_walk(file))
-        if len(walked) >= len(glance.attachments):
+        scanned = list(_scan(file))
+        if len(scanned) >= len(glance.attachments):
             file.note(wrong.offset, what, "attachment")
-            return walked
+            return scanned
     return glance.attachments
 
 
@@ -46,7 +46,7 @@ def _is_there(file: IndexedFile, entry: AttachmentEntry) -> bool:
         return entry.length > _HEAD_BYTES  # its names are too long to be looked at here
 
 
-def _walk(file: IndexedFile) -> Iterator[AttachmentEntry]:
+def _scan(file: IndexedFile) -> Iterator[AttachmentEntry]:
     source, at = file.source, len(MAGIC)
     size = source.size()
     while at + PREFIX_BYTES <= size:

@@ -109,9 +109,9 @@ def audit(file: McapFile, collect: Callable[[Chunk, ChunkContents], T]) -> list[
         it, unless it is among the losses of a file that is to be salvaged.
     """
     before = file.index
-    walked = load_index.by_walking(file.source, file.limits, before) if before.finished else before
-    is_whole = not any(not loss.corrected for loss in walked.losses)
-    base = walked if is_whole else before
+    scanned = load_index.by_scanning(file.source, file.limits, before) if before.finished else before
+    is_whole = not any(not loss.corrected for loss in scanned.losses)
+    base = scanned if is_whole else before
 
     def do(chunk: Chunk) -> tuple[Chunk, ChunkContents | None, T | DamagedFileError | None]:
         try:
@@ -122,12 +122,12 @@ def audit(file: McapFile, collect: Callable[[Chunk, ChunkContents], T]) -> list[
 
     opened = list(read_ahead.in_order(do, list(base.chunks), weigh=lambda chunk: chunk.uncompressed_size))
     if before.finished:
-        for loss in walked.losses:
+        for loss in scanned.losses:
             file.add(loss)
         if is_whole:
             true = _index(base, [(chunk, contents) for chunk, contents, _ in opened])
             is_read = all(contents is not None and not file.is_partial(chunk) for chunk, contents, _ in opened)
-            for offset, what in _faults(file.source, file.limits, walked, true, is_read=is_read):
+            for offset, what in _faults(file.source, file.limits, scanned, true, is_read=is_read):
                 file.note(offset, what)
             file.adopt(replace(true, losses=before.losses))
     return [result for _, contents, result in opened if contents is not None or result is not None]  # type: ignore[misc]
@@ -147,7 +147,7 @@ def _without_messages(contents: ChunkContents) -> ChunkContents:
 
 
 def _index(base: FileIndex, opened: list[tuple[Chunk, ChunkContents | None]]) -> FileIndex:
-    """Return a walk's index with what the chunks were found to hold."""
+    """Return the index of a scan with what the chunks were found to hold."""
     schemas, channels = dict(base.schemas), dict(base.channels)
     counts: dict[int, int] = {}
     for chunk, contents in opened:
@@ -176,14 +176,14 @@ def _index(base: FileIndex, opened: list[tuple[Chunk, ChunkContents | None]]) ->
 
 
 def _faults(
-    source: ByteSource, limits: Limits, walked: FileIndex, true: FileIndex, *, is_read: bool
+    source: ByteSource, limits: Limits, scanned: FileIndex, true: FileIndex, *, is_read: bool
 ) -> Iterator[Fault]:
     """Yield everything that a file's summary says and that is not so. What it leaves out altogether is not wrong.
 
     Args:
         source: The file.
         limits: For what is read.
-        walked: What its records say of its chunks.
+        scanned: What its records say of its chunks.
         true: What is true.
         is_read: Whether all chunks could be read.
     """
@@ -197,9 +197,9 @@ def _faults(
         yield error.offset, f"the summary cannot be used: {error.what}"
         return
     yield from ((start, what) for what in _of_statistics(stated.statistics, true if is_read else None))
-    yield from _of_chunks(stated.chunks, walked.chunks, {chunk.offset: chunk for chunk in true.chunks})
-    yield from _of_entries("attachment", stated.attachments, walked.attachments, start)
-    yield from _of_entries("metadata", stated.metadata, walked.metadata, start)
+    yield from _of_chunks(stated.chunks, scanned.chunks, {chunk.offset: chunk for chunk in true.chunks})
+    yield from _of_entries("attachment", stated.attachments, scanned.attachments, start)
+    yield from _of_entries("metadata", stated.metadata, scanned.metadata, start)
     if is_read:
         yield from ((start, what) for what in _of_records("schema", stated.schemas, true.schemas))
         yield from ((start, what) for what in _of_records("channel", stated.channels, true.channels))
@@ -220,10 +220,10 @@ def _of_statistics(stated: Statistics | None, true: FileIndex | None) -> Iterato
             yield f"the statistics say {count} messages of channel {channel_id}, but there are {true_count}"
 
 
-def _of_chunks(stated: Sequence[Chunk], walked: Sequence[Chunk], true: Mapping[int, Chunk]) -> Iterator[Fault]:
+def _of_chunks(stated: Sequence[Chunk], scanned: Sequence[Chunk], true: Mapping[int, Chunk]) -> Iterator[Fault]:
     if not stated:
         return
-    by_offset = {chunk.offset: chunk for chunk in walked if chunk.compression != records.LOOSE}
+    by_offset = {chunk.offset: chunk for chunk in scanned if chunk.compression != records.LOOSE}
     count = Counter(chunk.offset for chunk in stated)
     yield from ((offset, f"the chunk here has {number} indexes") for offset, number in count.items() if number > 1)
     for chunk in stated:
@@ -249,12 +249,12 @@ def _of_chunks(stated: Sequence[Chunk], walked: Sequence[Chunk], true: Mapping[i
 def _of_entries(
     kind: str,
     stated: Sequence[AttachmentEntry] | Sequence[MetadataEntry],
-    walked: Sequence[AttachmentEntry] | Sequence[MetadataEntry],
+    scanned: Sequence[AttachmentEntry] | Sequence[MetadataEntry],
     start: int,
 ) -> Iterator[Fault]:
     if not stated:
         return
-    by_offset: Mapping[int, Any] = {entry.offset: entry for entry in walked}
+    by_offset: Mapping[int, Any] = {entry.offset: entry for entry in scanned}
     count = Counter(entry.offset for entry in stated)
     yield from ((offset, f"the {kind} here has {number} indexes") for offset, number in count.items() if number > 1)
     for entry in stated:

@@ -160,7 +160,7 @@ def read_fitting(source: ByteSource, chunk: Chunk, limits: Limits) -> FittingRec
     most = max(MOST_BYTES, limits.ratio * head.records_length)
     try:
         stream = _UnpackedStream(_pieces(source, chunk.offset + fields.at, head), min(most, head.uncompressed_size + 1))
-        rest = _walk(stream, min(of_file(limits, 0).any_ratio_bytes or 0, limits.chunk_bytes))
+        rest = _keep_fitting(stream, min(of_file(limits, 0).any_ratio_bytes or 0, limits.chunk_bytes))
     except DamagedFileError as error:
         raise DamagedFileError(name, chunk.offset, error.what) from error
     except Exception as error:  # each decompressor has its own error types, some of them plain RuntimeErrors
@@ -173,7 +173,7 @@ def read_fitting(source: ByteSource, chunk: Chunk, limits: Limits) -> FittingRec
     return rest
 
 
-def _walk(stream: _UnpackedStream, room: int) -> FittingRecords:
+def _keep_fitting(stream: _UnpackedStream, room: int) -> FittingRecords:
     """Keep the records that fit into `room` bytes, in the order in which they lie."""
     kept = bytearray()
     lost: dict[int, int] = {}

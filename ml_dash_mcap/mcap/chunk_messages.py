@@ -1,4 +1,4 @@
-"""The messages in a chunk's uncompressed records: found by its message indexes, or by walking its records."""
+"""The messages in a chunk's uncompressed records: found by its message indexes, or by a scan of its records."""
 
 from __future__ import annotations
 
@@ -73,12 +73,12 @@ class ChunkScan:
 
 
 def scan(data: bytes, chunk: Chunk, path: str) -> ChunkScan:
-    """Walk a chunk's own records: it may have no message index, or the only records of some channels."""
+    """Scan a chunk's own records: it may have no message index, or the only records of some channels."""
     return _scan(data, chunk, path, [(0, len(data))])
 
 
 def _scan(data: bytes, chunk: Chunk, path: str, stretches: Iterable[tuple[int, int]]) -> ChunkScan:
-    """Walk the records in some parts of a chunk; each part is a start and an end."""
+    """Scan the records in some parts of a chunk; each part is a start and an end."""
     schemas: dict[int, records.Schema] = {}
     channels: dict[int, records.Channel] = {}
     entries: dict[int, array[int]] = {}

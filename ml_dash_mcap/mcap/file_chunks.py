@@ -52,7 +52,7 @@ class FileChunks:
         """Guards `_kept` and `_scanned`."""
         self._kept: OrderedDict[_Key, bytes] = OrderedDict()
         self._scanned: dict[_Key, Mapping[int, MessageIndex]] = {}
-        """The message indexes of kept chunks, made by walking their records."""
+        """The message indexes of kept chunks, made by scanning their records."""
         self._edges: dict[int, tuple[Chunk, list[int]]] = {}
         """By identity, the chunks that were asked for last, and where the message indexes of each start, sorted."""
         self._latest: tuple[Chunk, MessageIndex] | None = None
@@ -147,7 +147,7 @@ class FileChunks:
         return self.is_partial(chunk)
 
     def scan(self, chunk: Chunk) -> Mapping[int, MessageIndex]:
-        """Return where each channel's messages lie in a chunk by walking its own records.
+        """Return where each channel's messages lie in a chunk by scanning its records.
 
         Raises:
             DamagedFileError: They are not what they should be.

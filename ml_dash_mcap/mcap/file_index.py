@@ -58,7 +58,7 @@ class Glance:
 
 @dataclass(frozen=True)
 class FileIndex:
-    """A table of contents: from a finished file's summary, or from walking over its records."""
+    """A table of contents: from a finished file's summary, or from a scan of its records."""
 
     path: str
     header: Header

@@ -79,7 +79,7 @@ class McapFile(IndexedFile):
         return f"channel {channel_id}" if channel is None else channel.topic
 
     def message_index(self, chunk: Chunk, channel_id: int) -> MessageIndex:
-        """Return where one channel's messages lie in a chunk; its own records are walked if that is not stored.
+        """Return where one channel's messages lie in a chunk; its own records are scanned if that is not stored.
 
         Raises:
             DamagedFileError: The chunk is damaged, and the file not to be salvaged.
@@ -100,7 +100,7 @@ class McapFile(IndexedFile):
 
         Args:
             chunk: Which one.
-            stored: Whether its stored indexes will do; if not, its own records are walked.
+            stored: Whether its stored indexes will do; if not, its own records are scanned.
 
         Raises:
             DamagedFileError: The chunk is damaged, and the file not to be salvaged.
@@ -146,10 +146,10 @@ class McapFile(IndexedFile):
                 self.note(error.offset, error.what, "index")
                 self.correct_once(chunk)
         scanned = self.message_indexes(chunk, stored=False)
-        walked = [scanned[channel_id] for channel_id in ids if channel_id in scanned]
-        if not all(chunk_messages.are_within(index, chunk) for index in walked):
+        indexes = [scanned[channel_id] for channel_id in ids if channel_id in scanned]
+        if not all(chunk_messages.are_within(index, chunk) for index in indexes):
             self.correct_once(chunk)
-        return chunk_messages.gather_each(data, walked, chunk, self.source.name, start_ns, end_ns)
+        return chunk_messages.gather_each(data, indexes, chunk, self.source.name, start_ns, end_ns)
 
     def contents(self, chunk: Chunk) -> ChunkContents:
         """Return all that a chunk holds, by its own records, and whether its message indexes say the same.

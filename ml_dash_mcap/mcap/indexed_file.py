@@ -211,11 +211,11 @@ class IndexedFile:
         index = self.index
         if not index.by_summary:
             return False
-        walked = load_index.by_walking(self.source, self.limits, index)
-        if any(not loss.corrected for loss in walked.losses) or not _has_as_much(walked, index):
+        scanned = load_index.by_scanning(self.source, self.limits, index)
+        if any(not loss.corrected for loss in scanned.losses) or not _has_as_much(scanned, index):
             return False
         self.note(error.offset, error.what)
-        self.adopt(replace(walked, losses=index.losses))
+        self.adopt(replace(scanned, losses=index.losses))
         return True
 
     def adopt(self, index: FileIndex) -> None:
@@ -262,11 +262,11 @@ class IndexedFile:
         self._losses.clear()
 
 
-def _has_as_much(walked: FileIndex, stated: FileIndex) -> bool:
-    """Whether a walk found as many chunks, metadata records and attachments as a summary has."""
+def _has_as_much(scanned: FileIndex, stated: FileIndex) -> bool:
+    """Whether a scan found as many chunks, metadata records and attachments as a summary has."""
     pairs = (
-        (walked.chunks, stated.chunks),
-        (walked.metadata, stated.metadata),
-        (walked.attachments, stated.attachments),
+        (scanned.chunks, stated.chunks),
+        (scanned.metadata, stated.metadata),
+        (scanned.attachments, stated.attachments),
     )
     return all(len(there) >= len(named) for there, named in pairs)

@@ -38,7 +38,7 @@ class Limits:
     """A schema, channel, message index or metadata record, in bytes."""
 
     summary_bytes: int = 128 * MIB
-    """A summary section, in bytes; a file with a larger one is walked."""
+    """A summary section, in bytes; a file with a larger one is scanned record by record."""
 
 
 DEFAULT = Limits()

@@ -1,4 +1,4 @@
-"""The index of a file: by its summary if it is finished, else by walking over its records."""
+"""The index of a file: by its summary if it is finished, else by a scan of its records."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def load(
     return replace(index, losses=(*losses, *index.losses))
 
 
-def by_walking(source: ByteSource, limits: Limits, index: FileIndex) -> FileIndex:
+def by_scanning(source: ByteSource, limits: Limits, index: FileIndex) -> FileIndex:
     """Index a finished file by its records alone, whatever its summary says; what is damaged is stepped over.
 
     Args:
@@ -85,8 +85,8 @@ def by_walking(source: ByteSource, limits: Limits, index: FileIndex) -> FileInde
     footer = summary.read_footer(source, index.size)
     if header_fields is None or footer is None:
         return index
-    walk = scan.FileScan(source, index.size, index.header, limits, salvages=True)
-    return walk.finished(header_fields.end, summary.clues(source, index.size, footer, limits))
+    file_scan = scan.FileScan(source, index.size, index.header, limits, salvages=True)
+    return file_scan.finished(header_fields.end, summary.clues(source, index.size, footer, limits))
 
 
 def _header(content: Fields, path: str, salvages: bool) -> tuple[Header, tuple[Loss, ...]]:
@@ -99,25 +99,25 @@ def _header(content: Fields, path: str, salvages: bool) -> tuple[Header, tuple[L
         return Header("", ""), (Loss(Path(path), error.offset, f"the file's header: {error.what}", 0),)
 
 
-def _indexed(walk: scan.FileScan, first: int, previous: FileIndex | None) -> FileIndex | int:
+def _indexed(file_scan: scan.FileScan, first: int, previous: FileIndex | None) -> FileIndex | int:
     """Return the index of a file, or where it ends, if bytes lie behind its end."""
-    source, size, limits = walk.source, walk.size, walk.limits
+    source, size, limits = file_scan.source, file_scan.size, file_scan.limits
     footer = summary.read_footer(source, size)
     if footer is None:
         is_next = previous is not None and first <= previous.end <= size
-        walked = walk.unfinished(first, previous if is_next else None)
+        scanned = file_scan.unfinished(first, previous if is_next else None)
     else:
         try:
-            by_summary = summary.read(source, size, walk.header, footer, limits)
+            by_summary = summary.read(source, size, file_scan.header, footer, limits)
         except DamagedFileError:
             by_summary = None
         if by_summary is not None:
             return by_summary
         clues = summary.clues(source, size, footer, limits)
-        walked = walk.finished(first, clues if walk.salvages else None)
-        if not clues.agree_with(walked) and not walked.losses:
-            walked = replace(walked, doubtful=True)
-    return walked if walk.end is None or walk.end == size else walk.end
+        scanned = file_scan.finished(first, clues if file_scan.salvages else None)
+        if not clues.agree_with(scanned) and not scanned.losses:
+            scanned = replace(scanned, doubtful=True)
+    return scanned if file_scan.end is None or file_scan.end == size else file_scan.end
 
 
 def _start(source: ByteSource, size: int, is_new: bool) -> Fields | None:

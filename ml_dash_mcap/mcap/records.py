@@ -117,7 +117,7 @@ class Chunk:
     message_index_length: int = 0
     """Of all MessageIndex records, which lie behind the chunk, in bytes."""
     indexed: bool = True
-    """Whether the message indexes cover every message; if not, the chunk's own records have to be walked."""
+    """Whether the message indexes cover every message; if not, the chunk's own records have to be scanned."""
     counts: Mapping[int, int] | None = None
     """Channel to how many messages; None where they have not been counted."""
 

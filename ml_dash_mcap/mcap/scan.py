@@ -1,4 +1,4 @@
-"""The index of a file without a usable summary, by walking from record to record."""
+"""The index of a file without a usable summary, by going from record to record."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _DATA_END_BYTES = PREFIX_BYTES + 4
 
 
 class FileScan:
-    """One walk over a file. One thread uses it, once.
+    """One scan of a file. One thread uses it, once.
 
     Chunks are stepped over by their length, and looked into where nothing else says what is in them.
     """
@@ -44,7 +44,7 @@ class FileScan:
 
         Args:
             source: The file.
-            size: Its size, in bytes; what is appended meanwhile is left for the next walk.
+            size: Its size, in bytes; what is appended meanwhile is left for the next scan.
             header: Its Header record.
             limits: For what is read.
             is_new: Whether it is in progress, so that it may end anywhere without a loss.
@@ -57,12 +57,12 @@ class FileScan:
         self._is_new = is_new
         self.salvages = salvages
         self._window = FileWindow(source, size, limits)
-        self._walked = ScannedRecords(self._window)
+        self._scanned = ScannedRecords(self._window)
         self._end = 0
         self._has_data_end = False
         self._losses: list[Loss] = []
         self.end: int | None = None
-        """Where the file ends, behind its closing magic, once it was walked over; None where it does not."""
+        """Where the file ends, behind its closing magic, once it was scanned; None where it does not."""
 
     def unfinished(self, first: int, previous: FileIndex | None = None) -> FileIndex:
         """Index what lies whole in an unfinished file: everything up to where it was cut, or to where it grows.
@@ -72,16 +72,16 @@ class FileScan:
 
         Args:
             first: Where the first record behind the header starts.
-            previous: An earlier walk's result, to go on from.
+            previous: The result of an earlier scan, to go on from.
         """
         at, verified = first, 0
         if previous is not None:
-            self._walked.resume(previous)
+            self._scanned.resume(previous)
             self._losses = [loss for loss in previous.losses if first <= loss.offset < previous.end]
             at, verified = previous.end, previous.chunks[-1].end if previous.chunks else 0
         self._run(at)
         self.end = self._find_end()
-        self._walked.settle()
+        self._scanned.settle()
         self._verify_last_chunk(verified)
         self._look_inside()
         if not self._is_new and not any(loss.offset >= self._end for loss in self._losses):
@@ -105,7 +105,7 @@ class FileScan:
         if self._losses and clues is None:
             loss = self._losses[0]
             raise DamagedFileError(loss.path, loss.offset, loss.what)
-        self._walked.settle()
+        self._scanned.settle()
         self._look_inside(strict=clues is None)
         index = self._index(finished=True)
         if clues is not None and clues.statistics is not None:
@@ -113,7 +113,7 @@ class FileScan:
         return index
 
     def _find_end(self) -> int | None:
-        """Return where the file ends, behind its closing magic; None where it does not, or the walk stopped before."""
+        """Return where the file ends, behind its closing magic; None where it does not, or the scan stopped before."""
         at = self._end
         while self._has_data_end and at + PREFIX_BYTES <= self.size:
             opcode, length = read_prefix(self._window.bytes(at, PREFIX_BYTES), 0)
@@ -133,7 +133,7 @@ class FileScan:
             at: Where to start.
             places: Where else records start, sorted: the scan goes on there behind bytes that are no records.
         """
-        self._walked.places = places
+        self._scanned.places = places
         while True:
             try:
                 what = self._go(at)
@@ -145,7 +145,7 @@ class FileScan:
             after = bisect_right(places, self._end)
             if not self.salvages or after == len(places):
                 return
-            self._walked.doubt()
+            self._scanned.doubt()
             at = places[after]
 
     def _go(self, at: int) -> str | None:
@@ -163,7 +163,7 @@ class FileScan:
                 self._has_data_end = self._is_data_end(opcode, at, end)
                 return None if self._has_data_end else "a record that ends the data section in its middle"
             try:
-                self._walked.take(opcode, at, length)
+                self._scanned.take(opcode, at, length)
             except DamagedFileError as error:
                 if not self.salvages or opcode in (Opcode.CHUNK, Opcode.MESSAGE_INDEX):
                     return error.what  # their length is wrong, so the place of the next record is unknown
@@ -186,7 +186,7 @@ class FileScan:
         Args:
             verified: Where the last chunk that was already verified ends.
         """
-        chunks = self._walked.chunks
+        chunks = self._scanned.chunks
         if not chunks or chunks[-1].compression == records.LOOSE or chunks[-1].end <= verified:
             return
         last = chunks[-1]
@@ -197,7 +197,7 @@ class FileScan:
             self._has_data_end = False
             self._losses = [loss for loss in self._losses if loss.offset < last.offset]
             self._lose(last.offset, error.what, _message_count(last))
-            self._walked.drop_last()
+            self._scanned.drop_last()
 
     def _look_inside(self, *, strict: bool = False) -> None:
         """Open the chunks without message indexes, and those that hold the only records of channels.
@@ -205,9 +205,9 @@ class FileScan:
         Args:
             strict: Whether a damaged chunk is an error here, rather than when it is read.
         """
-        walked = self._walked
-        for position, chunk in enumerate(walked.chunks):
-            unknown = chunk.counts is None or not chunk.counts.keys() <= walked.channels.keys()
+        scanned = self._scanned
+        for position, chunk in enumerate(scanned.chunks):
+            unknown = chunk.counts is None or not chunk.counts.keys() <= scanned.channels.keys()
             if chunk.compression == records.LOOSE or not unknown:
                 continue
             try:
@@ -218,10 +218,10 @@ class FileScan:
                 self._lose(chunk.offset, error.what, _message_count(chunk))
                 if self.salvages:
                     chunk = replace(chunk, counts={}, message_index_offsets={}, indexed=False)
-                walked.chunks[position] = replace(chunk, counts=chunk.counts or {})
+                scanned.chunks[position] = replace(chunk, counts=chunk.counts or {})
 
     def _look_into(self, position: int) -> None:
-        chunk, name = self._walked.chunks[position], self.source.name
+        chunk, name = self._scanned.chunks[position], self.source.name
         try:
             chunk_bytes.check_size(chunk, name, self.limits)
             data = chunk_bytes.unpack(self.source.read(chunk.offset, chunk.length), chunk, name, self.limits)
@@ -230,7 +230,7 @@ class FileScan:
                 raise
             # Whoever reads the chunk says what is lost.
             data = chunk_bytes.read_fitting(self.source, chunk, self.limits).data
-        self._walked.learn(position, chunk_messages.scan(data, chunk, name))
+        self._scanned.learn(position, chunk_messages.scan(data, chunk, name))
 
     def _note_missing_end(self) -> None:
         if self._has_data_end:
@@ -242,23 +242,23 @@ class FileScan:
         self._losses.append(Loss(Path(self.source.name), offset, what, messages))
 
     def _index(self, *, finished: bool) -> FileIndex:
-        walked = self._walked
+        scanned = self._scanned
         counts: dict[int, int] = {}
-        for chunk in walked.chunks:
+        for chunk in scanned.chunks:
             for channel_id, count in (chunk.counts or {}).items():
                 counts[channel_id] = counts.get(channel_id, 0) + count
-        for channel_id in counts.keys() - walked.channels.keys():
+        for channel_id in counts.keys() - scanned.channels.keys():
             what = f"messages of channel {channel_id}, which no record describes"
             self._lose(self._end, what, counts.pop(channel_id))
         return FileIndex(
             path=self.source.name,
             header=self.header,
-            schemas=walked.schemas,
-            channels=walked.channels,
-            chunks=walked.chunks,
+            schemas=scanned.schemas,
+            channels=scanned.channels,
+            chunks=scanned.chunks,
             message_counts=counts,
-            metadata=tuple(walked.metadata),
-            attachments=tuple(walked.attachments),
+            metadata=tuple(scanned.metadata),
+            attachments=tuple(scanned.attachments),
             finished=finished,
             size=self.size if finished else 0,
             end=self._end,

@@ -105,7 +105,7 @@ class ScannedRecords:
         """How many messages the last chunk has, by channel."""
 
     def resume(self, previous: FileIndex) -> None:
-        """Take over what an earlier walk found."""
+        """Take over what an earlier scan found."""
         self.schemas.update(previous.schemas)
         self.channels.update(previous.channels)
         self.chunks.extend(previous.chunks)
@@ -155,7 +155,7 @@ class ScannedRecords:
             self.doubt()  # it may have been a message index
 
     def doubt(self) -> None:
-        """Rely no more on the message indexes behind the last chunk: its own records will be walked."""
+        """Rely no more on the message indexes behind the last chunk: its own records will be scanned."""
         if self.chunks and self.chunks[-1].compression != records.LOOSE:
             last = self.chunks[-1]
             self.chunks[-1] = replace(
@@ -163,7 +163,7 @@ class ScannedRecords:
             )
 
     def learn(self, position: int, scan: ChunkScan) -> None:
-        """Take in what walking a chunk's own records brought to light.
+        """Take in what the scan of a chunk found.
 
         Args:
             position: Of the chunk among `chunks`.

@@ -153,7 +153,7 @@ class Clues:
     """What it says of how much of everything there is."""
 
     def agree_with(self, index: FileIndex) -> bool:
-        """Whether a walk found as many messages of each channel as the statistics say."""
+        """Whether a scan found as many messages of each channel as the statistics say."""
         statistics = self.statistics
         if statistics is None or not statistics.channel_message_counts:
             return True
