@@ -131,6 +131,8 @@ def last_time(topic: StoredTopic) -> float | None:
     time_ns = topic.last_ns()
     if time_ns is None:
         return None
+    if time_ns >= _DISTINCT_FROM_NS and topic.is_track and all(file.index.is_ours for file in topic.files):
+        return clock.to_seconds(time_ns)  # the recorder rounded one double to it, and no other one is as near
     return max((row[TIME_KEY] for row in _rows_at(topic, time_ns)), default=clock.to_seconds(time_ns))
 
 
