@@ -1,4 +1,4 @@
-"""Where definitions come from that a recording lacks."""
+"""Definitions that a recording lacks: given by the caller, or those of ROS itself."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Given = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True, slots=True)
 class Supply:
-    """What is known of the messages of a channel beside its schema."""
+    """Where the definitions of a channel's messages come from, if its schema lacks them."""
 
     given: Given = ()
     likely: Likely = field(default_factory=distros.likely)
@@ -61,7 +61,7 @@ class Finder:
         return self._supply.digest
 
     def __call__(self, name: str) -> LookedUp | None:
-        """Return what is known of a message; None if nothing is."""
+        """Return the definition of a message; None if there is none."""
         given = _given(self._given, canonical(name))
         if given is not None:
             return LookedUp(messages=idl.parse(name, given, find=self).messages) if is_idl(given) else LookedUp(given)
@@ -129,7 +129,7 @@ def complete(name: str, schema_encoding: str, text: str, supply: Supply) -> tupl
     Args:
         name: Of the message.
         schema_encoding: Of the text: "ros1msg", "ros2msg", "ros2idl" or "omgidl"; empty without one.
-        text: What is known of it; empty for nothing.
+        text: Of the schema; empty without one.
         supply: Where the rest comes from.
 
     Raises:

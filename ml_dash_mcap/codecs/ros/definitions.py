@@ -45,12 +45,12 @@ _LINE = re.compile(
 
 
 class LookedUp(NamedTuple):
-    """What is known of a message that a text uses and does not define."""
+    """The definition of a message that a text uses and does not define."""
 
     text: str = ""
     """Its definition, perhaps followed by others."""
     messages: Mapping[str, Fields] = {}
-    """Or what the definition says, where it is in another language."""
+    """Or the fields of messages, where the definition is in another language."""
 
 
 Find = Callable[[str], "LookedUp | None"]

@@ -43,9 +43,9 @@ class Likely(NamedTuple):
     """Distributions that a bag may come from."""
 
     names: tuple[str, ...]
-    """All that there are, the likeliest first."""
+    """All distributions, the likeliest first."""
     certain: int
-    """How many of the first ones it can be: 1 if that is known."""
+    """How many of the first names are possible: 1 if the distribution is certain."""
 
 
 def likely(name: str | None = None, version: int | None = None) -> Likely:

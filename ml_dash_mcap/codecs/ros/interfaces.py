@@ -1,4 +1,4 @@
-"""The messages that ROS makes of a service or an action, and those that it takes for known."""
+"""The messages that ROS makes of a service or an action, and those that a definition may use without defining them."""
 
 from __future__ import annotations
 

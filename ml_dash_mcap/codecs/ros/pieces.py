@@ -1,4 +1,4 @@
-"""The parts of ROS messages whose length each message says itself, in both wire formats."""
+"""Readers of texts and lists, whose length stands before them in each message, in both wire formats."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _text_aligned(errors: str) -> Callable[[bytes, int, int], str]:
 
 
 def elements(read: Callable[[bytes, int], tuple[Any, int]], data: bytes, at: int, count: int) -> tuple[list[Any], int]:
-    """Read values one by one; returns them and the place behind them."""
+    """Read values one after the other; returns them and the place behind the last."""
     values = []
     for _ in range(count):
         value, at = read(data, at)
@@ -59,7 +59,7 @@ def elements(read: Callable[[bytes, int], tuple[Any, int]], data: bytes, at: int
 def nothings(
     read: Callable[[bytes, int], tuple[Any, int]], weight: int, data: bytes, at: int, count: int
 ) -> tuple[list[Any], int]:
-    """Read values that take no bytes, of which a message could say that it has any number."""
+    """Read values that take no bytes. A message of a few bytes could claim that it has billions of them."""
     if count * weight > MOST_NOTHINGS:
         raise ValueError(f"a list of {count} values that take no bytes; {MOST_NOTHINGS // weight} at most are read")
     return elements(read, data, at, count)
@@ -73,7 +73,7 @@ def divided(values: list[Any], lengths: tuple[int, ...]) -> list[Any]:
 
 
 def wrong_size(at: int, end: int) -> None:
-    """Raise an error for a value that does not end where it said."""
+    """Raise an error for a value that does not end where its size says that it ends."""
     raise ValueError(f"a value ends at byte {at}, and it says that it ends at byte {end}")
 
 

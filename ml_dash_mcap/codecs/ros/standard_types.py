@@ -1,4 +1,4 @@
-"""What ROS's own messages are made of, and the hashes by which ROS knows a type; rosbags has them."""
+"""Definitions of ROS's own messages, and the hashes by which ROS identifies a type, as rosbags has them."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ class Planner:
         self.outlets: list[Outlet] = []
         """All topics of the bag."""
         self.metadata = {name: dict(info.metadata) for name, info in job.topics.items()}
-        """What was said of our topics."""
+        """The metadata of the topics of the recording, by topic."""
         for topic in settings.mapping or ():
             if topic not in job.topics:
                 there = ", ".join(map(repr, job.topics)) or "none"

@@ -31,7 +31,7 @@ Convert = Callable[[Payload], Payload]
 
 @dataclass(frozen=True, slots=True)
 class BagOrigin:
-    """What is known of the bag that messages came from; empty for messages that came from none."""
+    """What the files tell about the bag that messages came from; empty for messages that were in no bag."""
 
     distro: str = ""
     version: int = 0
@@ -55,7 +55,7 @@ def _is_carried(job: Job, topic: str) -> bool:
 
 
 def origin(job: Job) -> BagOrigin:
-    """Return what is said of the bag that the files are of, or were copied from: what was said last counts."""
+    """Return what the files and their folders state about the bag that they are from. The last statement counts."""
     distro, version = "", 0
     custom, digests, profiles = dict[str, str](), dict[str, str](), dict[str, str]()
     for stated, text in _stated(job):
@@ -69,7 +69,7 @@ def origin(job: Job) -> BagOrigin:
 
 
 def _stated(job: Job) -> Iterator[tuple[str, str]]:
-    """Yield what says of which bag the files are: a distribution and the text of a `metadata.yaml`, or one of them."""
+    """Yield the statements about the bag: a distribution and the text of a `metadata.yaml`; one may be empty."""
     by_folder: dict[Path, File] = {}
     for file in job.files:
         by_folder.setdefault(file.path.parent, file)

@@ -39,7 +39,7 @@ class Origins:
         """Look at a bag's definitions, and at what its metadata say."""
         self.metadata = _metadata(bag.custom)
         self.own: dict[Connection, Message] = {}
-        """Channels with messages that say all that our rows said, and what these look like."""
+        """The channels that our export wrote for rows, and the messages that they have."""
         self._derived: set[str] = set(self.metadata.get("derived", {}))
         for channel in bag.channels:
             message = (
@@ -146,7 +146,7 @@ class Intake:
                 self.add(ConnectionBatch(batch.channel, batch.times_ns[part], batch.payloads[part]))
 
     def _own(self, channel: Connection, message: Message) -> Callable[[ConnectionBatch], None]:
-        """Return what takes messages that say all that our rows said."""
+        """Return the function that takes messages which our export made of the rows of a track."""
         name = self._origins.name(channel)
         stated = {**message.about, **self._origins.metadata.get("about", {}).get(name, {})}
         about = {
@@ -174,7 +174,7 @@ class Intake:
     def _own_messages(
         self, channel: Connection, message: Message, topic: MessageTopic
     ) -> Callable[[ConnectionBatch], None]:
-        """Return what takes messages that were no rows of a track in the recording: each stays one, at its time."""
+        """Return the function that takes messages which our export made of messages: each keeps its time."""
         definitions = lossless_definitions.describe(message, channel.type.split("/")[0], is_ros1=channel.is_ros1)
 
         def add(batch: ConnectionBatch) -> None:
@@ -187,7 +187,7 @@ class Intake:
         return add
 
     def _foreign(self, channel: Connection) -> Callable[[ConnectionBatch], None]:
-        """Return what takes messages of others, each a row of its own."""
+        """Return the function that takes messages of others, each as a row of its own."""
         decode_one: Decoder | None = None
         topic = open_topic(self._recorder, channel.topic, MESSAGE, MessageTopic)
 

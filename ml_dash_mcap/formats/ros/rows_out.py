@@ -159,7 +159,7 @@ class Outgoing:
 
         Raises:
             MisfitError: A row has something that the topic's message cannot say: `widen`, and begin again.
-            ConversionError: A row cannot be said; the message names it.
+            ConversionError: A message cannot hold what a row has; the error names the row.
         """
         waiting: list[_Waiting] = []
         done = dict.fromkeys(range(len(self.plans)), 0)

@@ -28,7 +28,7 @@ _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 
 
 class Translation(NamedTuple):
-    """How the messages of a type are said in the other generation."""
+    """What the messages of a type become in the other generation."""
 
     type: str
     """As the other generation spells it."""

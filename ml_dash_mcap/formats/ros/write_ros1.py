@@ -26,7 +26,7 @@ def export(job: Job, options: Rosbag1WriteOptions) -> Path:
 
     Raises:
         OptionError: An option has a value that it cannot have.
-        ConversionError: A row cannot be said; the message names it.
+        ConversionError: A message cannot hold what a row has; the error names the row.
     """
     settings = Settings.of(options, is_ros1=True, room=Ros1BagWriter.room, is_in_order=True)
     beside = job.dest.with_name(f"{job.dest.stem}_interfaces")

@@ -69,7 +69,7 @@ def export(job: Job, options: Rosbag2WriteOptions) -> Path:
 
     Raises:
         OptionError: An option has a value that it cannot have.
-        ConversionError: A row cannot be said; the message names it.
+        ConversionError: A message cannot hold what a row has; the error names the row.
     """
     origin = carry_out.origin(job)
     storage, distro, split_bytes = options.storage, options.distro, options.split_bytes

@@ -115,7 +115,7 @@ class McapBagWriter:
         """Write the file's end.
 
         Args:
-            information: What is said of it, as YAML.
+            information: The metadata of the file, as YAML.
         """
         values = {distros.DISTRO_KEY: self._distro, distros.TEXT_KEY: information}
         self._file.add_metadata(distros.RECORD, values)

@@ -1,1 +1,1 @@
-"""What rosbag2 says of a bag, in its `metadata.yaml` and in its files: read and written."""
+"""The metadata of a rosbag2, in its `metadata.yaml` and in its files, read and written."""

@@ -1,4 +1,4 @@
-"""What rosbag2 says of a bag: the fields of its `metadata.yaml`, a part of which each file of the bag repeats.
+"""The metadata of a rosbag2: the fields of its `metadata.yaml`, a part of which each file of the bag repeats.
 
 The source is rosbag2_storage's `metadata_io.cpp` and `yaml.hpp`.
 """
@@ -25,14 +25,14 @@ _NAME, _PROFILES, _DIGEST = "name", "offered_qos_profiles", "type_description_ha
 
 
 class BagInformation:
-    """What is said of a bag, as far as it is what it should be."""
+    """What the metadata of a bag state. Values of the wrong type count as missing."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         self._values = values
 
     @classmethod
     def parse(cls, text: str) -> BagInformation:
-        """Read what is said of a bag.
+        """Read the metadata of a bag.
 
         Raises:
             ValueError: It is no metadata of a bag.
@@ -45,14 +45,14 @@ class BagInformation:
 
     @classmethod
     def lenient(cls, text: str) -> BagInformation:
-        """Read what is said of a bag; nothing where that cannot be read."""
+        """Read the metadata of a bag; returns `NOTHING` for a text that is none."""
         try:
             return cls.parse(text) if text else NOTHING
         except ValueError:
             return NOTHING
 
     def __bool__(self) -> bool:
-        """Whether anything is said."""
+        """Whether there are any metadata."""
         return bool(self._values)
 
     @property
@@ -63,7 +63,7 @@ class BagInformation:
 
     @property
     def distro(self) -> str:
-        """Name of the distribution that recorded the bag; empty if nobody says."""
+        """Name of the distribution that recorded the bag; empty if it is not stated."""
         return self._text(_DISTRO)
 
     @property
@@ -123,12 +123,12 @@ class BagInformation:
 
 
 NOTHING = BagInformation({})
-"""Of a bag that says nothing."""
+"""The metadata of a bag without any."""
 
 
 @dataclass(frozen=True, slots=True)
 class FileContents:
-    """What a file of the bag holds."""
+    """How many messages a file of the bag holds, and of which times."""
 
     name: str
     counts: Mapping[int, int]
@@ -145,7 +145,7 @@ class FileContents:
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What is said of a bag that is written."""
+    """The metadata of a bag that is written, as far as all of its files have the same."""
 
     version: int
     """Of the metadata."""
@@ -158,7 +158,7 @@ class Description:
         return yaml_text.text({METADATA_KEY: self._values(outlets, files)})
 
     def text_of_file(self, outlets: Sequence[Outlet], file: FileContents) -> str:
-        """Return what a file of the bag says of itself."""
+        """Return the metadata that a file of the bag has of itself."""
         return yaml_text.text(self._values(outlets, [file]))
 
     def _values(self, outlets: Sequence[Outlet], files: Sequence[FileContents]) -> dict[str, Any]:

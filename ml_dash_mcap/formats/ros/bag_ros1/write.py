@@ -25,7 +25,7 @@ _CHUNK_BYTES = 1 << 20
 _NOT_IN_HEADERS = frozenset({"type", "md5sum", "message_definition", "offered_qos_profiles", "topic_type_hash"})
 """Metadata of a channel that do not go into its connection's header: the type, and what only ROS 2 says.
 
-All others came from such a header, which may say whatever the node said (http://wiki.ros.org/ROS/Connection Header).
+All others came from such a header, which has whatever the node put there (http://wiki.ros.org/ROS/Connection Header).
 """
 
 _END_NS = clock.NS_PER_S << 32
@@ -74,7 +74,7 @@ class Ros1BagWriter:
         self._pending: list[_Pending] = []
         self._infos: list[ChunkInfo] = []
         self._introduced: set[int] = set()
-        """Connections that a chunk has said what they are."""
+        """Connections whose record stands in a chunk already."""
         self._file = path.open("xb")
         self._file.write(layout.MAGIC + layout.VERSION + BagHeader(0, 0, 0).record())
 

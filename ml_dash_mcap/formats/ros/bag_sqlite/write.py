@@ -96,7 +96,7 @@ class SqliteBagWriter:
         """Write the file's end.
 
         Args:
-            information: What is said of it, as YAML.
+            information: The metadata of the file, as YAML.
         """
         self._base.execute(layout.INSERT_METADATA, (self._version, information))
         self._base.execute(layout.CREATE_INDEX)

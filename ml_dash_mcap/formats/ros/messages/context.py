@@ -1,4 +1,4 @@
-"""What the messages of some rows are made with, and what comes of rows that they cannot say."""
+"""The input for messages that are made of rows, and the rows that no message can be made of."""
 
 from __future__ import annotations
 

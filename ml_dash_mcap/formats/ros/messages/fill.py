@@ -1,4 +1,4 @@
-"""Rows to the columns of their message."""
+"""From rows to the columns of the message that holds all that they hold."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""A message of its own for a topic's rows, which says all that they say.
+"""A message of its own for a topic's rows, which loses nothing.
 
-ROS messages have no optional fields, no None, no lists of several types. What a type cannot say is said beside it:
+ROS messages have no optional fields, no None, no lists of several types. Fields beside those of the row hold what their
+types cannot:
 
     std_msgs/Header header
     float64 ts                 the exact time stamp

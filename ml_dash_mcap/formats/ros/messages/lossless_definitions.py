@@ -23,7 +23,7 @@ _HEADER = "builtin_interfaces/Time stamp\nstring frame_id\n"
 _HEADER_ROS1 = "uint32 seq\ntime stamp\nstring frame_id\n"
 _TIME = "int32 sec\nuint32 nanosec\n"
 _TEXTS = ("topic", "description")
-"""What is said of a topic as it is; all else is JSON in a text, for the sake of its brackets."""
+"""Entries about a topic that are stored as they are; all others are JSON in a text, which hides their brackets."""
 
 _UNIT = re.compile(r"[^\[\],#\n]{1,40}")
 _SECTION = re.compile(r"^MSG: *(?:\w+/)(?:msg/)?(\w+) *$")

@@ -1,4 +1,4 @@
-"""The columns of a message of ours back to the rows that they came from."""
+"""From the columns of a message that our export made back to the rows that they came from."""
 
 from __future__ import annotations
 

@@ -73,12 +73,12 @@ def derive(
     tf: bool = False,
     embeds: bool = False,
 ) -> list[Derived]:
-    """Return the standard messages that a topic's rows can be said with.
+    """Return the standard messages that can be made of a topic's rows.
 
     Args:
         message: Of the rows.
         topic: Its name in ROS.
-        metadata: What was said of it when it was recorded.
+        metadata: Of the topic, as recorded.
         mapping: What the caller says of it: suffix or topic to None, for no such message, or to a dict of the `type`
             and, by role, the dotted name of the field; None for the conventions.
         tf: Whether to send its poses on `/tf` as well.
