@@ -200,6 +200,19 @@ def test_a_tail_of_json_lines_can_be_followed_while_the_recording_goes_on(tmp_pa
         assert (tmp_path / "tail.jsonl").read_text() == '{"topic": "a", "x": 1, "_ts": 1.0}\n'
 
 
+@pytest.mark.parametrize("encoding", ["json", "cbor"])
+def test_a_sink_decodes_rows_of_any_encoding(tmp_path: Path, encoding: str) -> None:
+    rows: list[dict[str, Any]] = []
+
+    class Keeping(Counting):
+        def write(self, block: PreparedBlock) -> None:
+            rows.extend(message.row() for message in block.messages())
+
+    with Recorder(tmp_path, RecorderOptions(encoding=encoding), sinks=[Keeping()]) as recorder:
+        recorder.topic("a").append(data=b"\x00\xff", q=[0.5, float("inf")], _ts=1.0)
+    assert rows == [{"data": b"\x00\xff", "q": [0.5, float("inf")], "_ts": 1.0}]
+
+
 def test_a_sink_is_told_the_parameters_too(tmp_path: Path) -> None:
     given: dict[str, dict[str, str]] = {}
 
