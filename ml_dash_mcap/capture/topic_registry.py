@@ -95,7 +95,8 @@ class TopicRegistry:
             topic = self._topics.get(key)
             is_new = topic is None
             if is_new:
-                codec = codecs.to_record(about.encoding or (self._encoding if kind == TRACK else "json"))
+                default = self._encoding if kind == TRACK else "json"
+                codec = codecs.to_record(default if about.encoding is None else about.encoding)
                 schema = None if about.schema is None else dumps(dict(about.schema))
                 info = ChannelInfo(next(self._numbers), name, kind, texts, schema, about.schema_name, codec)
                 if info.number > _MAX_TOPICS:

@@ -140,20 +140,17 @@ def _texts(leaf: Leaf, rows: Bytes) -> Any:
 
 def _lists(items: list[Any], rows: Bytes) -> Any:
     """Return lists of numbers, and lists of such of one length, as `rows.table` has them."""
-    lengths: list[int] = []
+    lengths = [len(items)]
     while items and all(isinstance(item, list) and len(item) == len(items[0]) for item in items):
-        lengths.append(len(items))
+        lengths.append(len(items[0]))
         items = [inner for item in items for inner in item]
     if not items or not all(isinstance(item, Leaf) and item.kind in ("float", "int") for item in items):
         return None
     numbers = _numbers(items, rows) if len({leaf.kind for leaf in items}) == 1 else None
     if numbers is None:
         return None
-    each = len(items)
-    for length in lengths:
-        each //= length
-    array = pa.FixedSizeListArray.from_arrays(zero_copy.to_arrow(numbers), each)
-    for length in reversed(lengths):
+    array = pa.FixedSizeListArray.from_arrays(zero_copy.to_arrow(numbers), lengths[-1])
+    for length in reversed(lengths[:-1]):
         ends = np.arange(len(array) // length + 1, dtype=np.int32) * np.int32(length)
         array = pa.ListArray.from_arrays(zero_copy.to_arrow(ends), array)
     return array

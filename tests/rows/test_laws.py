@@ -15,10 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, clock
-from ml_dash_mcap.codecs import json_merge
-from ml_dash_mcap.codecs.json import CODEC
 from ml_dash_mcap.codecs.json_skeleton import Bones, Skeletons, guess
-from ml_dash_mcap.rows import merge
 from ml_dash_mcap.rows.json_text import exact, restore
 from ml_dash_mcap.rows.schema import to_json
 from ml_dash_mcap.rows.value_shapes import of_values
@@ -57,38 +54,6 @@ def decode(payload: bytes) -> dict[str, Any]:
 def same(left: Any, right: Any) -> bool:
     """Equal to the last bit: types, NaN and the sign of zero included."""
     return repr(left) == repr(right)
-
-
-@given(FIELDS)
-def test_what_is_encoded_comes_back_as_it_was(fields: dict[str, Any]) -> None:
-    assert same(decode(encode(fields)), {**fields, "_ts": 1.5})
-
-
-@given(st.lists(FIELDS, min_size=2, max_size=4))
-def test_merging_encoded_rows_is_merging_rows(rows: list[dict[str, Any]]) -> None:
-    merged = decode(json_merge.join([encode(row) for row in rows]))
-    expected = merge.merge([{**row, "_ts": 1.5} for row in rows])
-    assert {name: repr(value) for name, value in merged.items()} == {
-        name: repr(value) for name, value in expected.items()
-    }
-
-
-@given(st.lists(FIELDS, min_size=3, max_size=3))
-def test_merging_is_associative(rows: list[dict[str, Any]]) -> None:
-    first, second, third = (encode(row) for row in rows)
-    left = decode(json_merge.join([json_merge.join([first, second]), third]))
-    right = decode(json_merge.join([first, json_merge.join([second, third])]))
-    assert {name: repr(value) for name, value in left.items()} == {name: repr(value) for name, value in right.items()}
-
-
-@given(FIELDS)
-def test_rows_without_a_common_field_merge_by_cutting_their_bytes(fields: dict[str, Any]) -> None:
-    names = list(fields)
-    parts = [{name: fields[name] for name in names[::2]}, {name: fields[name] for name in names[1::2]}]
-    plain = [part for part in parts if b"_exact" not in encode(part)]
-    payloads = [encode(part) for part in plain] or [encode({})]
-    joined = json_merge.join_disjoint(payloads, CODEC.cut(payloads))
-    assert decode(joined) == decode(json_merge.join(payloads))
 
 
 def test_rows_of_one_nanosecond_and_two_times_are_told_apart(tmp_path: Path) -> None:

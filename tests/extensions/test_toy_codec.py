@@ -1,0 +1,276 @@
+"""An encoding that is added in this file alone; and whichever method of a codec fails, the recording goes on."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording
+from ml_dash_mcap.codecs import json as json_codec
+from ml_dash_mcap.codecs import registry
+from ml_dash_mcap.codecs.codec import UNKNOWN_FORM, Codec
+from ml_dash_mcap.codecs.encoded_channel import Decoder, EncodedChannel, Row
+from ml_dash_mcap.errors import OptionError, TopicError, UndecodedWarning
+from ml_dash_mcap.rows.encode import PlainRow
+from ml_dash_mcap.rows.schema import TopicShape
+from ml_dash_mcap.rows.shape import Shape
+from ml_dash_mcap.rows.value_shapes import of_value
+from tests.support import disk
+
+ENCODING = "toy"
+
+
+# The encoding: rows as Python spells them, in hexadecimal digits; its schema lists the fields
+
+
+class ToyForms:
+    """What is known of the rows of toys: their shapes. Each row is decoded."""
+
+    size = 0
+
+    def __init__(self) -> None:
+        self._shapes: dict[int, TopicShape] = {}
+
+    def begin_block(self) -> None:
+        pass
+
+    def forget(self) -> None:
+        pass
+
+    def learn(self, channel: int, payload: bytes) -> int:
+        self._shapes.setdefault(channel, TopicShape()).add(of_value(decode(payload)))
+        return UNKNOWN_FORM
+
+    def of_rows(self, rows: Any) -> Any:
+        numbers = rows.channels.tolist()
+        return np.array([self.learn(number, rows.payload(row)) for row, number in enumerate(numbers)], np.int32)
+
+    def shape_of(self, channel: int) -> Shape | None:
+        shape = self._shapes.get(channel)
+        return None if shape is None else shape.shape
+
+    def keys_of(self, channel: int, form: int) -> frozenset[str]:
+        raise AssertionError("there are no forms")
+
+
+def decode(payload: bytes) -> Row:
+    text = bytes.fromhex(payload.decode()).decode()
+    row: Row = eval(text, {"nan": float("nan"), "inf": float("inf")})
+    return row
+
+
+def encoded(row: Mapping[str, Any]) -> bytes:
+    return repr(dict(row)).encode().hex().encode()
+
+
+class ToyCodec(Codec):
+    message_encoding = ENCODING
+    schema_encoding = "toyschema"
+    default = staticmethod(lambda value: value)
+    probe = b"no hexadecimal digits"
+
+    def dumps(self, fields: dict[str, Any], default: Any) -> bytes:
+        return encoded(PlainRow("").row(fields))
+
+    def encode_exactly(self, fields: Mapping[str, Any], topic: str) -> bytes:
+        return encoded(PlainRow(topic).row(fields))
+
+    def recheck(self, payload: bytes, fields: Mapping[str, Any], topic: str, probe: Any) -> tuple[bytes, Any]:
+        return payload, probe
+
+    def forms(self) -> ToyForms:
+        return ToyForms()
+
+    def schema(self, shape: Shape | None, title: str) -> bytes:
+        return b"" if shape is None else "\n".join(shape.fields).encode() + b"\n"
+
+    def padded(self, schema: bytes, length: int) -> bytes:
+        return schema.ljust(length, b"\n")
+
+    def cut(self, payloads: Sequence[bytes]) -> list[int]:
+        return [payload.rindex(b"'_ts'".hex().encode()) for payload in payloads]
+
+    def keys_of(self, payload: bytes) -> frozenset[str]:
+        return frozenset(decode(payload))
+
+    def time_of(self, payload: bytes) -> float:
+        return float(decode(payload)["_ts"])
+
+    def with_time(self, payload: bytes, seconds: float) -> bytes:
+        return encoded({**decode(payload), "_ts": seconds})
+
+    def join(self, payloads: Sequence[bytes]) -> bytes:
+        row = {name: value for payload in payloads for name, value in decode(payload).items()}
+        return encoded({**{name: value for name, value in row.items() if name != "_ts"}, "_ts": row["_ts"]})
+
+    def join_disjoint(self, payloads: Sequence[bytes], cuts: Sequence[int]) -> bytes:
+        return self.join(payloads)
+
+    def decoder(self, channel: EncodedChannel) -> Decoder:
+        return decode
+
+    def encode_read(self, row: Row) -> bytes:
+        return encoded(row)
+
+
+CODEC: Any = ToyCodec()
+
+
+@pytest.fixture
+def toys(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Add the encoding: a line in the table."""
+    monkeypatch.setitem(registry.CODECS, ENCODING, __name__)
+
+
+@pytest.mark.usefixtures("toys")
+def test_a_toy_encoding_is_recorded_merged_read_and_exported(tmp_path: Path) -> None:
+    with Recorder(tmp_path, RecorderOptions(encoding=ENCODING)) as recorder:
+        arm, other = recorder.topic("arm"), recorder.topic("other", encoding="json")
+        for n in range(50):
+            arm.append(q=[n / 7, float("nan")], _ts=n / 10).append(grip=n, blob=b"\0", _ts=n / 10)
+            other.append(n=n, _ts=n / 10)
+        arm.append_columns(_ts=np.arange(100.0, 110.0), q=np.ones((10, 2)), late=np.arange(10))
+        assert (arm.encoding, other.encoding) == (ENCODING, "json")
+    channel, schema = disk.channel(tmp_path, "arm")
+    assert (channel.message_encoding, schema.encoding, schema.data.split()) == (
+        ENCODING,
+        "toyschema",
+        [b"q", b"_ts", b"grip", b"blob", b"late"],
+    )
+    rows = [{"q": [n / 7, float("nan")], "grip": n, "blob": b"\0", "_ts": n / 10} for n in range(50)]
+    rows += [{"q": [1.0, 1.0], "late": n, "_ts": 100.0 + n} for n in range(10)]
+    with Recording(tmp_path) as recording:
+        assert [repr(row) for row in recording["arm"].rows()] == [repr(row) for row in rows]
+        assert recording["arm"].to_arrow().column("grip").to_pylist()[:50] == list(range(50))
+        assert recording.topics["arm"].encoding == ENCODING
+        copy = recording["arm"].read(format="mcap")
+    (tmp_path / "copy").mkdir()
+    (tmp_path / "copy" / "a.mcap").write_bytes(copy)
+    with Recording(tmp_path / "copy") as recording:
+        assert [repr(row) for row in recording["arm"].rows()] == [repr(row) for row in rows]
+        assert recording.topics["arm"].encoding == ENCODING
+
+
+def test_an_encoding_that_nobody_knows_is_carried_as_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(registry.CODECS, ENCODING, __name__)
+    with Recorder(tmp_path, RecorderOptions(encoding=ENCODING)) as recorder:
+        recorder.topic("arm").append(n=1, _ts=1.0)
+    monkeypatch.delitem(registry.CODECS, ENCODING)
+    with Recording(tmp_path) as recording, pytest.warns(UndecodedWarning, match="encoding 'toy'"):
+        assert list(recording["arm"].rows()) == [{"data": encoded({"n": 1, "_ts": 1.0}), "_ts": 1.0}]
+
+
+@pytest.mark.parametrize("encoding", ["cbro", "protobuf", "", 5, "JSON"])
+def test_an_encoding_that_rows_cannot_be_recorded_in_is_refused(tmp_path: Path, encoding: Any) -> None:
+    with pytest.raises(OptionError, match=r"encoding=.*(did you mean '(cbor|json)'|'json', 'cbor'|must be the name)"):
+        Recorder(tmp_path / "run", RecorderOptions(encoding=encoding))
+    assert not (tmp_path / "run").exists()
+    with Recorder(tmp_path) as recorder, pytest.raises(OptionError, match="encoding="):
+        recorder.topic("a", encoding=encoding)
+
+
+def test_a_topic_keeps_its_encoding(tmp_path: Path) -> None:
+    with Recorder(tmp_path) as recorder:
+        topic = recorder.topic("a", encoding="cbor")
+        assert recorder.topic("a") is recorder.topic("a", encoding="cbor") is topic
+        with pytest.raises(TopicError, match="in the encoding 'cbor' already, not 'json'"):
+            recorder.topic("a", encoding="json")
+
+
+# A codec that fails
+
+
+METHODS = (
+    *("forms", "schema", "padded", "cut", "keys_of", "time_of", "with_time", "join", "join_disjoint"),
+    *("begin_block", "forget", "learn", "of_rows", "shape_of", "form_keys"),
+)
+"""What the writer thread asks a codec, and the forms of it."""
+
+
+class Failing:
+    """A codec that does what JSON's does, but for one method, which fails."""
+
+    def __init__(self, method: str, error: BaseException) -> None:
+        self._method, self._error = method, error
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "forms" and self._method not in ("forms", *METHODS[:9]):
+            return lambda: FailingForms(json_codec.CODEC.forms(), self._method, self._error)
+        real = getattr(json_codec.CODEC, name)
+        return failing(real, self._error) if name == self._method else real
+
+
+class FailingForms:
+    def __init__(self, forms: Any, method: str, error: BaseException) -> None:
+        self._forms, self._error = forms, error
+        self._method = "keys_of" if method == "form_keys" else method
+
+    def __getattr__(self, name: str) -> Any:
+        real = getattr(self._forms, name)
+        return failing(real, self._error) if name == self._method else real
+
+
+def failing(real: Callable[..., Any], error: BaseException) -> Callable[..., Any]:
+    def call(*args: Any) -> Any:
+        if args[:1] == (None,):  # the schema before the first row is asked for where the topic is opened
+            return real(*args)
+        raise error
+
+    return call
+
+
+@pytest.mark.parametrize(
+    "error", [ValueError("odd"), MemoryError(), RecursionError(), KeyError("x")], ids=lambda e: type(e).__name__
+)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_codec_that_fails_loses_no_row_and_leaves_the_writer_alive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, error: BaseException
+) -> None:
+    codec = Failing(method, error)
+    monkeypatch.setattr(registry, "find", lambda encoding: codec)
+    with Experiment("a/b", root=tmp_path, options=RecorderOptions(flush_interval_s=60)).run as exp:
+        exp.log("before the first row of a track")
+        arm = exp.tracks("arm")
+        for n in range(20):  # rows that merge by their bytes, after being decoded, and not at all
+            arm.append(q=n, _ts=n / 10).append(w=0.5, _ts=n / 10).append(q=n + 1, _ts=n / 10).append(
+                q=0, _ts=n / 10 + 1e-12
+            )
+            arm.append(a=n, _ts=50.0 + n).append(b=n, _ts=50.0 + n)
+        exp.flush()
+        arm.append_columns(_ts=np.arange(80.0, 90.0), c=np.arange(10))
+        arm.append(last=True, late=[0.5], _ts=100.0).flush()
+        stats = exp.stats()
+        assert stats["written"] == stats["accepted"]
+        assert stats["failure"] is None
+        if method not in ("forget", "keys_of"):
+            assert stats["fallbacks"]
+    monkeypatch.undo()
+    with Recording(exp.path) as recording:
+        rows = list(recording["arm"].rows())
+        assert rows[-1] == {"last": True, "late": [0.5], "_ts": 100.0}
+        assert [row["q"] for row in rows if "w" in row] == list(range(1, 21))
+        assert [(row["a"], row["b"]) for row in rows if "a" in row] == [(n, n) for n in range(20)]
+        assert [row["c"] for row in rows if "c" in row] == list(range(10))
+        assert [row["message"] for row in recording.logs] == ["before the first row of a track"]
+
+
+@pytest.mark.parametrize("method", ["dumps", "encode_exactly"])
+def test_a_codec_that_cannot_encode_a_row_tells_whoever_appends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    codec = Failing(method, ValueError("odd"))
+    monkeypatch.setattr(registry, "find", lambda encoding: codec)
+    with Recorder(tmp_path) as recorder:
+        arm = recorder.topic("arm").append(n=1, _ts=1.0)
+        if method == "encode_exactly":
+            with pytest.raises(ValueError, match="odd"):
+                arm.append(n=b"no JSON", _ts=2.0)
+        arm.append(n=3, _ts=3.0).flush()
+        assert recorder.stats()["written"] == 2
+    monkeypatch.undo()
+    assert [json.loads(payload)["n"] for _, payload in disk.payloads(tmp_path)] == [1, 3]
