@@ -104,10 +104,11 @@ def decode_by_hand(folder: Path, topic: str) -> list[dict[str, Any]]:
     return found
 
 
+@pytest.mark.parametrize("encoding", ["json", "cbor"])
 @pytest.mark.parametrize("way", ["append", "batch", "columns", "nested"])
-def test_an_array_comes_back_as_it_was(tmp_path: Path, way: str) -> None:
+def test_an_array_comes_back_as_it_was(tmp_path: Path, way: str, encoding: str) -> None:
     arrays = {**ARRAYS, **MASKED}
-    with Recorder(tmp_path) as recorder:
+    with Recorder(tmp_path, RecorderOptions(encoding=encoding)) as recorder:
         for name, array in arrays.items():
             topic = recorder.topic(name)
             if way == "append":
@@ -244,10 +245,12 @@ def drawn(draw: st.DrawFn) -> Any:
 
 
 @settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(array=drawn())
-def test_any_array_comes_back_from_every_read(array: Any, tmp_path_factory: pytest.TempPathFactory) -> None:
+@given(array=drawn(), encoding=st.sampled_from(["json", "cbor"]))
+def test_any_array_comes_back_from_every_read(
+    array: Any, encoding: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     folder = tmp_path_factory.mktemp("any")
-    with Recorder(folder) as recorder:
+    with Recorder(folder, RecorderOptions(encoding=encoding)) as recorder:
         for number in range(2):
             recorder.topic("a").append(v=array, inner={"w": array}, n=number, _ts=float(number))
     native = array.astype(array.dtype.newbyteorder("="))
@@ -271,8 +274,9 @@ def test_any_array_comes_back_from_every_read(array: Any, tmp_path_factory: pyte
 # Ways into the file and out of it
 
 
-def record(folder: Path, count: int = 3) -> None:
-    with Recorder(folder, RecorderOptions(chunk_bytes=200_000, backlog_bytes=800_000)) as recorder:
+def record(folder: Path, count: int = 3, encoding: str = "json") -> None:
+    options = RecorderOptions(chunk_bytes=200_000, backlog_bytes=800_000, encoding=encoding)
+    with Recorder(folder, options) as recorder:
         for number in range(count):
             recorder.topic("cam").append(image=IMAGE + np.uint8(number), cloud=CLOUD, n=number, _ts=float(number))
 
@@ -285,8 +289,9 @@ def check(rows: Any, count: int = 3) -> None:
         assert same(row["cloud"], CLOUD)
 
 
-def test_rows_of_one_time_merge_with_their_arrays(tmp_path: Path) -> None:
-    with Recorder(tmp_path) as recorder:
+@pytest.mark.parametrize("encoding", ["json", "cbor"])
+def test_rows_of_one_time_merge_with_their_arrays(tmp_path: Path, encoding: str) -> None:
+    with Recorder(tmp_path, RecorderOptions(encoding=encoding)) as recorder:
         topic = recorder.topic("cam")
         topic.append(image=IMAGE, nan=float("nan"), _ts=1.0)
         topic.append(image=CLOUD, n=1, _ts=1.0)
@@ -319,8 +324,9 @@ os.kill(os.getpid(), signal.SIGKILL)
         check(recording["cam"].rows())
 
 
-def test_fields_say_the_type_and_shape(tmp_path: Path) -> None:
-    with Recorder(tmp_path) as recorder:
+@pytest.mark.parametrize("encoding", ["json", "cbor"])
+def test_fields_say_the_type_and_shape(tmp_path: Path, encoding: str) -> None:
+    with Recorder(tmp_path, RecorderOptions(encoding=encoding)) as recorder:
         topic = recorder.topic("cam")
         for number in range(3):
             cloud = np.zeros((2000 + number, 3), "f4")
@@ -332,8 +338,9 @@ def test_fields_say_the_type_and_shape(tmp_path: Path) -> None:
                       "listed": "any"}  # fmt: skip
 
 
-def test_columns_hold_arrays_beside_lists_and_gaps(tmp_path: Path) -> None:
-    with Recorder(tmp_path) as recorder:
+@pytest.mark.parametrize("encoding", ["json", "cbor"])
+def test_columns_hold_arrays_beside_lists_and_gaps(tmp_path: Path, encoding: str) -> None:
+    with Recorder(tmp_path, RecorderOptions(encoding=encoding)) as recorder:
         topic = recorder.topic("a")
         topic.append(v=CLOUD, shorter=np.zeros(5000, "i2"), _ts=0.0)
         topic.append(v=[[1.0, 2.0, 3.0]], shorter=[2**40], _ts=1.0)
@@ -360,8 +367,9 @@ def test_lines_of_json_say_it_as_the_file_does(tmp_path: Path, format: str) -> N
         assert json.dumps("uint8[120,200,3]") in line
 
 
-def test_a_copy_as_mcap_holds_the_arrays(tmp_path: Path) -> None:
-    record(tmp_path / "run")
+@pytest.mark.parametrize("encoding", ["json", "cbor"])
+def test_a_copy_as_mcap_holds_the_arrays(tmp_path: Path, encoding: str) -> None:
+    record(tmp_path / "run", encoding=encoding)
     with Recording(tmp_path / "run") as recording:
         (tmp_path / "copy.mcap").write_bytes(recording.read("cam", format="mcap"))
     with Recording(tmp_path / "copy.mcap") as copy:
@@ -369,8 +377,9 @@ def test_a_copy_as_mcap_holds_the_arrays(tmp_path: Path) -> None:
         assert str(copy.topics["cam"].fields["image"]) == "uint8[120,200,3]"
 
 
-def test_parquet_holds_the_numbers_in_their_type(tmp_path: Path) -> None:
-    record(tmp_path / "run")
+@pytest.mark.parametrize("encoding", ["json", "cbor"])
+def test_parquet_holds_the_numbers_in_their_type(tmp_path: Path, encoding: str) -> None:
+    record(tmp_path / "run", encoding=encoding)
     with Recording(tmp_path / "run") as recording:
         recording.export(tmp_path / "out", format="parquet")
     (path,) = (tmp_path / "out").rglob("*.parquet")

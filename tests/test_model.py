@@ -52,9 +52,12 @@ def canonical(row: dict[str, Any]) -> dict[str, str]:
 
 
 @settings(max_examples=examples(120), deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(STEPS)
-def test_a_recording_is_what_was_appended_whatever_came_between(steps: list[tuple[Any, ...]]) -> None:
-    options = RecorderOptions(chunk_bytes=65_536, backlog_bytes=262_144, sync_interval_s=0, segment_bytes=65_536)
+@given(steps=STEPS)
+@pytest.mark.parametrize("encoding", ["json", "cbor"])
+def test_a_recording_is_what_was_appended_whatever_came_between(steps: list[tuple[Any, ...]], encoding: str) -> None:
+    options = RecorderOptions(
+        encoding=encoding, chunk_bytes=65_536, backlog_bytes=262_144, sync_interval_s=0, segment_bytes=65_536
+    )
     model = Model()
     with tempfile.TemporaryDirectory() as name:
         recorder = Recorder(name, options)
@@ -116,10 +119,11 @@ ARRAYS = [
 ]
 
 
+@pytest.mark.parametrize("encoding", ["json", "cbor"])
 @pytest.mark.parametrize("column", ARRAYS, ids=range(len(ARRAYS)))
-def test_columns_are_the_rows_that_append_would_have_taken(tmp_path: Path, column: Any) -> None:
+def test_columns_are_the_rows_that_append_would_have_taken(tmp_path: Path, column: Any, encoding: str) -> None:
     times = np.array([0.0, 1 / 3, 1.7e9 + 1 / 7, 2.5])
-    with Recorder(tmp_path / "columns") as recorder:
+    with Recorder(tmp_path / "columns", RecorderOptions(encoding=encoding)) as recorder:
         recorder.topic("a").append_columns(_ts=times, value=column, timestamp=np.arange(4))
     with Recorder(tmp_path / "rows") as recorder:
         for i in range(4):

@@ -27,6 +27,11 @@ KINDS = (ARM, IMU, METRIC, STEP)
 OPTIONS: dict[str, Any] = {"chunk_bytes": 65536, "backlog_bytes": 4 * 65536, "flush_interval_s": 0.02}
 
 
+def encoding_of(seed: int) -> str:
+    """What tracks are encoded in: every second recording in CBOR."""
+    return ("json", "cbor")[seed % 2]
+
+
 def arm(number: int) -> Row:
     """One of three rows of one time stamp, with a field of its own and one that the next one replaces."""
     return {"abc"[number % 3]: number, "last": {"number": number}, "_ts": number // 3 / 30}
@@ -89,7 +94,7 @@ def actions(recorder: Recorder, seed: int) -> Iterator[tuple[str, int]]:
 def record(folder: str, progress: str, seed: int, until: int, **options: Any) -> Recorder:
     """Record some actions, with a flush before the last third of them, and return without closing."""
     said = Progress(Path(progress))
-    recorder = Recorder(folder, RecorderOptions(**{**OPTIONS, **options}))
+    recorder = Recorder(folder, RecorderOptions(**{**OPTIONS, "encoding": encoding_of(seed), **options}))
     taken = actions(recorder, seed)
     for number in range(until):
         said.note(*next(taken))
@@ -141,7 +146,7 @@ def record_until_killed(folder: str, progress: str, seed: int, signal_at: int, f
     """Record for ever; say through a fifo when so many actions are done."""
     with open(fifo, "wb", buffering=0) as said_when:
         said = Progress(Path(progress))
-        taken = actions(Recorder(folder, RecorderOptions(**OPTIONS)), seed)
+        taken = actions(Recorder(folder, RecorderOptions(**OPTIONS, encoding=encoding_of(seed))), seed)
         for count, (kind, number) in enumerate(taken, 1):
             said.note(kind, number)
             if count == signal_at:

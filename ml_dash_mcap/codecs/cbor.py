@@ -216,8 +216,10 @@ def decode(payload: bytes) -> Row:
 def _plain(value: Any) -> Any:
     """Return a value as rows have it."""
     kind = type(value)
-    if kind in _ATOMS or kind is np.ndarray or kind is np.ma.MaskedArray:
+    if kind in _ATOMS:
         return value
+    if isinstance(value, np.ndarray):
+        return value if packed_arrays.is_large(value) else value.tolist()
     if kind is int:
         return value if SMALLEST_INT <= value <= LARGEST_INT else _as_double(value)
     if kind in (list, tuple):
@@ -232,7 +234,7 @@ def _as_double(value: int) -> float:
     try:
         return float(value)
     except OverflowError:
-        return math.copysign(math.inf, value)
+        return math.inf if value > 0 else -math.inf
 
 
 def _key(key: Any) -> str:

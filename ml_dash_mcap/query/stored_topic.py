@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from ..codecs.decode import codec_of
 from ..file_names import KIND_KEY, TRACK
 from ..mcap.file_index import FileIndex, replanned
 from ..mcap.records import Channel
@@ -19,6 +20,11 @@ LAST_NS = 2**64 - 1
 
 _Range = tuple[int, int]
 _State = list[tuple[FileIndex, int]]
+
+
+def is_merged(channel: Channel) -> bool:
+    """Whether a channel's rows of one time stamp are one row: those of tracks, unless nobody here can decode them."""
+    return channel.metadata.get(KIND_KEY) == TRACK and codec_of(channel) is not None
 
 
 class StoredTopic:
@@ -70,8 +76,8 @@ class StoredTopic:
 
     @property
     def is_track(self) -> bool:
-        """Whether rows of one time stamp are one row."""
-        return self.kind == TRACK
+        """Whether rows of one time stamp are one row, see `is_merged`."""
+        return self.kind == TRACK and all(codec_of(channel) is not None for _, channel in self.channels)
 
     def chunks(self, start_ns: int = 0, end_ns: int = LAST_NS) -> ChunkPlan:
         """Return the chunks that may hold messages with log times in [start_ns, end_ns], by their start times."""

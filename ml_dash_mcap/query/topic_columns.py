@@ -16,7 +16,6 @@ from .. import clock
 from ..codecs.codec import ColumnReader, Columns
 from ..codecs.decode import codec_of
 from ..codecs.encoded_channel import Decoder, Row
-from ..file_names import KIND_KEY, TRACK
 from ..rows import zero_copy
 from ..rows.arrow_types import of_type, type_of
 from ..rows.dotted import FIELD_PREFIX, flatten
@@ -26,7 +25,7 @@ from ..rows.table import Block, block_of, join
 from ..rows.typed_columns import Column
 from ..store import read_ahead
 from . import time_order, topic_messages, topic_rows
-from .stored_topic import StoredTopic
+from .stored_topic import StoredTopic, is_merged
 from .topic_messages import Cut, MessageOrigin
 
 _FIRST_BYTES, _MOST_BYTES = 128 * 1024, 1024 * 1024
@@ -215,7 +214,7 @@ class _BlockReading:
         times = np.concatenate([part.times for part in parts])
         written = np.concatenate([piece.written for part in parts for piece in part.pieces])
         keep = (times >= self._low) & (times <= self._high)
-        merges = np.concatenate([np.full(len(part.times), _merges(part.pieces[0].origin)) for part in parts])
+        merges = np.concatenate([np.full(len(part.times), is_merged(part.pieces[0].origin.channel)) for part in parts])
         again = _repeated(times, keep & merges)
         keep &= ~again
         blocks = [part.block for part in parts]
@@ -294,10 +293,6 @@ def _chosen(blocks: list[Block], keep: npt.NDArray[np.bool_]) -> list[Block]:
         if len(which):
             chosen.append(block if len(which) == block.count else block.take(which))
     return chosen
-
-
-def _merges(origin: MessageOrigin) -> bool:
-    return origin.channel.metadata.get(KIND_KEY) == TRACK
 
 
 def _times(column: Any, times_ns: npt.NDArray[np.uint64]) -> npt.NDArray[np.float64]:

@@ -14,12 +14,11 @@ from ..codecs.codec import MessageCodec
 from ..codecs.decode import codec_of, decoder
 from ..codecs.encoded_channel import Decoder, Row
 from ..errors import DamagedFileError, RangeError
-from ..file_names import KIND_KEY, TRACK
 from ..rows.encode import TIME_KEY
 from ..rows.merge import merge
 from ..time_hints import seconds_hint
 from . import topic_messages
-from .stored_topic import LAST_NS, StoredTopic
+from .stored_topic import LAST_NS, StoredTopic, is_merged
 from .time_order import TOLERANCE_NS, is_close
 from .topic_messages import MessageBatch, MessageOrigin
 
@@ -239,7 +238,7 @@ def _set_time(row: Row, time: Any, time_ns: int) -> None:
 
 
 def _merge_same_times(batch: MessageBatch, rows: list[Row | None]) -> list[Row]:
-    merges = [origin.channel.metadata.get(KIND_KEY) == TRACK for origin in batch.origins]
+    merges = [is_merged(origin.channel) for origin in batch.origins]
     edges = np.flatnonzero(batch.times_ns[1:] != batch.times_ns[:-1]) + 1
     merged: list[Row] = []
     start = 0
@@ -257,10 +256,10 @@ def _merge_group(rows: list[Row | None], merges: list[bool]) -> list[Row]:
     """Merge the rows of one nanosecond that also have the same double, the earliest written first."""
     by_time: dict[float, list[Row]] = {}
     apart: list[tuple[float, list[Row]]] = []
-    for row, is_merged in zip(rows, merges, strict=True):
+    for row, merges_row in zip(rows, merges, strict=True):
         if row is None:
             continue
-        if is_merged:
+        if merges_row:
             by_time.setdefault(row[TIME_KEY], []).append(row)
         else:
             apart.append((row[TIME_KEY], [row]))

@@ -23,7 +23,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ml_dash_mcap import Recorder, Recording
+from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from ml_dash_mcap.errors import FieldError
 from ml_dash_mcap.rows.json_text import exact
 from tests.support.case_ids import stable_repr
@@ -206,9 +206,10 @@ REFUSED: dict[str, tuple[Any, str]] = {
 }
 
 
+@pytest.mark.parametrize("encoding", ["json", "cbor"])
 @pytest.mark.parametrize("inside", ["alone", "beside NaN", "in a list", "in a dict", "in a batch", "in columns"])
-def test_what_can_be_stored_comes_back_as_documented(tmp_path: Path, inside: str) -> None:
-    with Recorder(tmp_path) as recorder:
+def test_what_can_be_stored_comes_back_as_documented(tmp_path: Path, inside: str, encoding: str) -> None:
+    with Recorder(tmp_path, RecorderOptions(encoding=encoding)) as recorder:
         for number, name in enumerate(STORED):
             value, topic = STORED[name][0], recorder.topic(name)
             time_s = float(number)
@@ -236,9 +237,12 @@ def test_what_can_be_stored_comes_back_as_documented(tmp_path: Path, inside: str
 
 @pytest.mark.parametrize("name", REFUSED)
 @pytest.mark.parametrize("inside", ["alone", "in a list", "beside NaN"])
-def test_what_cannot_be_stored_is_refused_with_what_to_pass(tmp_path: Path, name: str, inside: str) -> None:
+@pytest.mark.parametrize("encoding", ["json", "cbor"])
+def test_what_cannot_be_stored_is_refused_with_what_to_pass(
+    tmp_path: Path, name: str, inside: str, encoding: str
+) -> None:
     value, advice = REFUSED[name]
-    with Recorder(tmp_path) as recorder:
+    with Recorder(tmp_path, RecorderOptions(encoding=encoding)) as recorder:
         fields = {
             "alone": {"v": value},
             "in a list": {"v": [{"x": value}]},

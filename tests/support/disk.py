@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import cbor2
 from mcap.reader import McapReader, make_reader
 from mcap.records import Channel, Schema
 
@@ -24,7 +25,8 @@ def rows(folder: Path) -> dict[str, list[Row]]:
     found: dict[str, list[Row]] = {}
     for reader in _readers(folder):
         for _, channel, message in reader.iter_messages(log_time_order=True):
-            found.setdefault(channel.topic, []).append(json.loads(message.data))
+            loads = {"json": json.loads, "cbor": cbor2.loads}[channel.message_encoding]
+            found.setdefault(channel.topic, []).append(loads(message.data))
     return found
 
 
