@@ -16,7 +16,7 @@ from ml_dash_mcap import Limits, Recording, convert
 from ml_dash_mcap.errors import ConversionWarning, DamagedFileError, OptionError
 from ml_dash_mcap.file_names import LARGE_BYTES
 from ml_dash_mcap.query import topic_messages
-from ml_dash_mcap.query.topic_messages import LAST_NS
+from ml_dash_mcap.query.stored_topic import LAST_NS, StoredTopic
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 GRID = "nav_msgs/msg/OccupancyGrid"
@@ -98,9 +98,8 @@ def test_what_is_refused_names_the_limit_and_what_to_pass(tmp_path: Path) -> Non
     for limits in (Limits(any_ratio_bytes=size), Limits(ratio=10**6)):
         with Recording(path, limits=limits) as rec:
             assert [row["n"] for row in rec["/small"].rows()] == [1, 2, 3]
-            assert [len(one.payloads[0]) for one in topic_messages.read(rec._opened(), "/map", 0, LAST_NS)] == [
-                len(grid(TOO_LARGE))
-            ]
+            batches = topic_messages.read(StoredTopic(rec._opened(), "/map"), 0, LAST_NS)
+            assert [len(batch.payloads[0]) for batch in batches] == [len(grid(TOO_LARGE))]
 
 
 @pytest.mark.parametrize("limits", [Limits(chunk_bytes=1000), Limits(record_bytes=20)], ids=str)
