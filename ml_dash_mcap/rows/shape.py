@@ -129,6 +129,7 @@ def join(first: Shape, second: Shape, admit: Admit | None = None) -> Shape:
         second: Another one.
         admit: Asked for each field that only the second one has, outer ones before those inside; a field that it
             refuses is left out. That bounds what a topic whose rows have ever new keys takes, at the price of the laws.
+            Nothing is optional then: to compare thousands of keys with those of each row takes too long.
     """
     if first is second:
         return first
@@ -184,11 +185,13 @@ def _joined_fields(first: Shape, second: Shape, admit: Admit | None) -> tuple[Ma
         if both is not own:
             fields = dict(first.fields) if fields is None else fields
             fields[name] = both
+    joined = first.fields if fields is None else fields
+    if admit is not None:
+        return joined, frozenset()
     optional = first.optional | second.optional
-    if first.kinds & DICT and first.fields.keys() != second.fields.keys():
+    if first.fields.keys() != second.fields.keys():
         optional |= first.fields.keys() ^ second.fields.keys()
-    all_fields = first.fields if fields is None else fields
-    return all_fields, optional if optional <= all_fields.keys() else optional & all_fields.keys()
+    return joined, optional
 
 
 def of_integers(lowest: int, highest: int) -> Shape:

@@ -74,7 +74,14 @@ def _of_one_type(type_: type, values: Sequence[Any], is_coarse: bool, *, is_in_l
     if type_ is str:
         return _COARSE_TEXTS if is_coarse else _of_text_values(values)
     if type_ is list:
-        return scalar(OPAQUE) if is_coarse and is_in_list else _of_list_values(values, is_coarse)
+        if is_coarse and is_in_list:
+            return scalar(OPAQUE)
+        lengths = list(map(len, values))
+        elements = values[0] if len(values) == 1 else list(chain.from_iterable(values))
+        items = _of_values(
+            elements, is_coarse, is_in_list=True
+        )  # called here: a function more a level would not fit on the stack
+        return of_lists(items, min(lengths), max(lengths))
     if type_ is dict:
         return _of_dict_values(values, is_coarse)
     if type_ is packed_arrays.Spelling:
@@ -85,12 +92,6 @@ def _of_one_type(type_: type, values: Sequence[Any], is_coarse: bool, *, is_in_l
 def _of_text_values(texts: Sequence[str]) -> Shape:
     text = "".join(texts)
     return of_texts(texts[0], has_nul="\0" in text, has_surrogate=has_lone_surrogates(text))
-
-
-def _of_list_values(lists: Sequence[list[Any]], is_coarse: bool) -> Shape:
-    lengths = list(map(len, lists))
-    elements = lists[0] if len(lists) == 1 else list(chain.from_iterable(lists))
-    return of_lists(_of_values(elements, is_coarse, is_in_list=True), min(lengths), max(lengths))
 
 
 def _of_dict_values(dicts: Sequence[dict[str, Any]], is_coarse: bool) -> Shape:
