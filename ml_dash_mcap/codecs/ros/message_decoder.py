@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import functools
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 from ...errors import EncodingError
 from . import definitions, idl
@@ -16,7 +17,6 @@ from .message_types import APPENDABLE, Definitions, canonical
 from .wire import BY_HEAD, CDR, CDR_HEAD_BYTES, CDR_PADDING, DELIMITED, PARAMETER_LISTS, ROS1, Wire
 
 Row = dict[str, Any]
-Decoder = Callable[[bytes], Any]
 Misfit = Callable[[bytes, ValueError], Any]
 """Takes a payload that is no such message, and why; what it returns is returned for the message."""
 
@@ -55,22 +55,114 @@ def decoder(
     Raises:
         EncodingError: The definition is broken, or has what cannot be decoded.
     """
-    definitions = definition(name, schema_encoding, text, supply)
-    how = _How(definitions, replaced, misfit or _refuse)
-    return MessageDecoder(definitions, is_ros1, _ros1(how) if is_ros1 else _cdr(how))
+    make = Ros1Decoder if is_ros1 else CdrDecoder
+    return make(definition(name, schema_encoding, text, supply), replaced, misfit or _refuse)
 
 
-class MessageDecoder:
+class MessageDecoder(ABC):
     """Turns messages of one definition into rows."""
 
-    def __init__(self, definitions: Definitions, is_ros1: bool, decode: Decoder) -> None:
+    is_ros1: bool
+
+    def __init__(self, definitions: Definitions, replaced: Callable[[], object], misfit: Misfit) -> None:
         self.definitions = definitions
-        self.is_ros1 = is_ros1
-        self._decode = decode
+        self._replaced = replaced
+        self._misfit = misfit
+
+    @abstractmethod
+    def __call__(self, payload: bytes) -> Any:
+        """Return a message's row."""
+
+    def _read_again(self, wire: Wire, payload: bytes, at: int, default: str = "final") -> tuple[Any, int]:
+        """Read a message with a text that is no UTF-8; returns its row and the place behind it."""
+        row_and_end = _reader(self.definitions, wire, default, True)(payload, at)
+        self._replaced()
+        return row_and_end
+
+
+class Ros1Decoder(MessageDecoder):
+    """Reads ROS 1's format."""
+
+    is_ros1 = True
+
+    def __init__(self, definitions: Definitions, replaced: Callable[[], object], misfit: Misfit) -> None:
+        super().__init__(definitions, replaced, misfit)
+        self._read = _reader(definitions, ROS1)
 
     def __call__(self, payload: bytes) -> Any:
         """Return a message's row."""
-        return self._decode(payload)
+        try:
+            try:
+                row, end = self._read(payload, 0)
+            except UnicodeDecodeError:
+                row, end = self._read_again(ROS1, payload, 0)
+            if end == len(payload):
+                return row
+            why = _wrong_length(payload, end)
+        except (ValueError, struct.error) as error:
+            why = _as_value_error(payload, error)
+        return self._misfit(payload, why)
+
+
+class CdrDecoder(MessageDecoder):
+    """Reads CDR, in the form that each message announces."""
+
+    is_ros1 = False
+
+    def __init__(self, definitions: Definitions, replaced: Callable[[], object], misfit: Misfit) -> None:
+        super().__init__(definitions, replaced, misfit)
+        self._is_empty = not definitions.messages[definitions.root]
+        self._read_little = None if definitions.has_optional() else _reader(definitions, CDR)
+
+    def __call__(self, payload: bytes) -> Any:
+        """Return a message's row."""
+        try:
+            if payload[:2] != b"\0\1" or self._read_little is None:
+                return self._read_other(payload)
+            try:
+                row, end = self._read_little(payload, CDR_HEAD_BYTES)
+            except UnicodeDecodeError:
+                row, end = self._read_again(CDR, payload, CDR_HEAD_BYTES)
+            if end <= len(payload) <= end + CDR_PADDING:
+                return row
+            why = _wrong_length(payload, end)
+        except (ValueError, struct.error) as error:
+            why = _as_value_error(payload, error)
+        if self._is_empty and 0 <= len(payload) - CDR_HEAD_BYTES <= 1 + CDR_PADDING:  # with or without ROS's byte
+            return {}
+        return self._misfit(payload, why)
+
+    def _read_other(self, payload: bytes) -> Row:
+        """Read CDR that is not what ROS 2 sends; where the definition leaves two ways to read it, only one may fit."""
+        head = payload[:2]
+        wire = BY_HEAD.get(head)
+        if wire is None:
+            kind = "a list of parameters" if head in PARAMETER_LISTS else "nothing that is known"
+            raise ValueError(f"it starts with {payload[:CDR_HEAD_BYTES]!r}, which announces {kind}, no plain CDR")
+        rows: list[Row] = []
+        why: Exception | None = None
+        for default in _defaults(self.definitions, head, wire):
+            try:
+                row = self._read_as(wire, default, payload)
+                if not rows or repr(rows[0]) != repr(row):
+                    rows.append(row)
+            except (ValueError, struct.error) as error:
+                why = _as_value_error(payload, error)
+        if len(rows) > 1:
+            raise ValueError("it can be read in two ways, and its definition does not say which structs are appendable")
+        if why is not None and not rows:
+            raise why
+        return rows[0]
+
+    def _read_as(self, wire: Wire, default: str, payload: bytes) -> Any:
+        """Read a message whose structs are of one extensibility, where the definition does not say of which."""
+        try:
+            row, end = _reader(self.definitions, wire, default)(payload, CDR_HEAD_BYTES)
+        except UnicodeDecodeError:
+            row, end = self._read_again(wire, payload, CDR_HEAD_BYTES, default)
+        if not end <= len(payload) <= end + CDR_PADDING:
+            raise _wrong_length(payload, end)
+        return row
 
 
 @functools.lru_cache(maxsize=256)
@@ -125,97 +217,8 @@ def _looked_up(find: Finder, name: str, schema_encoding: str) -> str:
     return ""
 
 
-class _How(NamedTuple):
-    """What the messages of a definition are decoded with."""
-
-    definitions: Definitions
-    replaced: Callable[[], object]
-    misfit: Misfit
-
-    def again(self, wire: Wire, payload: bytes, at: int, default: str = "final") -> tuple[Any, int]:
-        """Read a message with a text that is no UTF-8; returns its row and the place behind it."""
-        read = _reader(self.definitions, wire, default, True)(payload, at)
-        self.replaced()
-        return read
-
-
 def _refuse(payload: bytes, why: ValueError) -> Row:
     raise why
-
-
-def _ros1(how: _How) -> Decoder:
-    """Decode ROS 1's format."""
-    read = _reader(how.definitions, ROS1)
-
-    def decode(payload: bytes) -> Any:
-        try:
-            try:
-                row, end = read(payload, 0)
-            except UnicodeDecodeError:
-                row, end = how.again(ROS1, payload, 0)
-            if end == len(payload):
-                return row
-            why = _wrong_length(payload, end)
-        except (ValueError, struct.error) as error:
-            why = _as_value_error(payload, error)
-        return how.misfit(payload, why)
-
-    return decode
-
-
-def _cdr(how: _How) -> Decoder:
-    """Decode CDR, in the form that the message says."""
-    is_empty = not how.definitions.messages[how.definitions.root]
-    little = None if how.definitions.has_optional() else _reader(how.definitions, CDR)
-
-    def decode(payload: bytes) -> Any:
-        try:
-            if payload[:2] != b"\0\1" or little is None:
-                return _other_cdr(how, payload)
-            try:
-                row, end = little(payload, CDR_HEAD_BYTES)
-            except UnicodeDecodeError:
-                row, end = how.again(CDR, payload, CDR_HEAD_BYTES)
-            if end <= len(payload) <= end + CDR_PADDING:
-                return row
-            why = _wrong_length(payload, end)
-        except (ValueError, struct.error) as error:
-            why = _as_value_error(payload, error)
-        if (
-            is_empty and CDR_HEAD_BYTES <= len(payload) <= CDR_HEAD_BYTES + 1 + CDR_PADDING
-        ):  # with or without ROS's byte
-            return {}
-        return how.misfit(payload, why)
-
-    return decode
-
-
-def _other_cdr(how: _How, payload: bytes) -> Row:
-    """Decode CDR that is not what ROS 2 sends; where the definition leaves two ways to read it, only one may fit."""
-    head = payload[:2]
-    wire = BY_HEAD.get(head)
-    if wire is None:
-        kind = "a list of parameters" if head in PARAMETER_LISTS else "nothing that is known"
-        raise ValueError(f"it starts with {payload[:CDR_HEAD_BYTES]!r}, which announces {kind}, no plain CDR")
-    rows: list[Row] = []
-    why: Exception | None = None
-    for default in _defaults(how.definitions, head, wire):
-        try:
-            try:
-                row, end = _reader(how.definitions, wire, default)(payload, CDR_HEAD_BYTES)
-            except UnicodeDecodeError:
-                row, end = how.again(wire, payload, CDR_HEAD_BYTES, default)
-            if not end <= len(payload) <= end + CDR_PADDING:
-                raise _wrong_length(payload, end)
-            if not rows or repr(rows[0]) != repr(row):
-                rows.append(row)
-        except (ValueError, struct.error) as error:
-            why = _as_value_error(payload, error)
-    if len(rows) > 1:
-        raise ValueError("it can be read in two ways, and its definition does not say which structs are appendable")
-    if why is not None and not rows:
-        raise why
-    return rows[0]
 
 
 def _defaults(definitions: Definitions, head: bytes, wire: Wire) -> Sequence[str]:
