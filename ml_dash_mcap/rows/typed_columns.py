@@ -113,8 +113,8 @@ def joined(parts: Sequence[Column]) -> Column:
     are_texts = {part.is_text for part in parts if not pa.types.is_null(part.array.type)}
     if len(types) <= 1 and len(are_texts) <= 1:  # nearly always: nothing has to be measured
         is_text, type_ = True in are_texts, next(iter(types), pa.null())
-        if any(pa.types.is_null(part.array.type) for part in parts):
-            type_ = arrow_types.loose(type_) if pa.types.is_fixed_size_list(type_) else type_
+        if pa.types.is_fixed_size_list(type_) and any(pa.types.is_null(part.array.type) for part in parts):
+            type_ = pa.list_(type_.value_type)  # as `type_of` says of lists that are missing in some rows
     else:
         common = type_of(functools.reduce(or_, map(shape_of, parts)))
         is_text, type_ = common is None, pa.string() if common is None else common

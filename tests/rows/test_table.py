@@ -4,6 +4,7 @@ import io
 import json
 import math
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -100,6 +101,16 @@ def test_a_type_that_widens_and_a_column_that_comes_late_lose_nothing():
         "b": [None, None, [1], [1, 2]],
     }
     assert table.schema.types == [pa.float64(), pa.float64(), pa.list_(pa.int64())]
+
+
+@pytest.mark.usefixtures("block_rows")
+def test_matrices_that_are_missing_in_some_rows_keep_the_length_of_their_rows():
+    matrix = np.zeros((2, 3), "f4")
+    table = from_rows(
+        [{"m": matrix, "_ts": 0.0}, {"m": matrix, "_ts": 1.0}, {"x": 1, "_ts": 2.0}, {"x": 1, "_ts": 3.0}]
+    )
+    assert table.schema.field("m").type == pa.list_(pa.list_(pa.float32(), 3))
+    assert table.column("m").to_pylist() == [matrix.tolist(), matrix.tolist(), None, None]
 
 
 def test_no_rows_give_a_table_with_the_time_column():
