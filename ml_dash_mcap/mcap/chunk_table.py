@@ -203,9 +203,8 @@ def times(
     if isinstance(chunks, ChunkTable):
         return chunks.numbers["start_ns"][which], chunks.numbers["end_ns"][which]
     part = [chunks[place] for place in which.tolist()]
-    return np.array([chunk.start_ns for chunk in part], np.uint64), np.array(
-        [chunk.end_ns for chunk in part], np.uint64
-    )
+    starts = np.array([chunk.start_ns for chunk in part], np.uint64)
+    return starts, np.array([chunk.end_ns for chunk in part], np.uint64)
 
 
 def is_read_with(chunk: Chunk, start: int, end: int) -> bool:

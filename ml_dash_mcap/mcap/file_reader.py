@@ -38,8 +38,6 @@ class McapFile(IndexedFile):
         """Open a file and index it; the arguments and errors are those of `IndexedFile`."""
         super().__init__(path, limits_, source=source, salvages=salvages)
         self._chunks = FileChunks(self.source, self.limits, self._losses, self._topic_of if salvages else None)
-        self._corrected: set[int] = set()
-        """Where those chunks lie whose indexes were wrong."""
 
     # -- chunks --------------------------------------------------------------------------------------------------------
 
@@ -219,13 +217,6 @@ class McapFile(IndexedFile):
             except DamagedFileError:
                 count = None
         self.lose(DamagedFileError(error.path, chunk.offset, error.what), count, "chunk")
-
-    def reindex(self, error: DamagedFileError) -> bool:
-        """Do what `IndexedFile.reindex` does; which chunks the old index was wrong about does not matter any more."""
-        is_done = super().reindex(error)
-        if is_done:
-            self._corrected.clear()
-        return is_done
 
     def _forget(self) -> None:
         super()._forget()

@@ -8,34 +8,11 @@ from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
 from ..version import LIBRARY
+from . import records
 from .chunk_writer import PackedChunk
 from .file_output import Output
 from .message import Connection
-from .records import (
-    ATTACHMENT_INDEX,
-    CHANNEL,
-    CHUNK_INDEX,
-    DATA_END,
-    FOOTER,
-    MAGIC,
-    METADATA,
-    METADATA_INDEX,
-    SCHEMA,
-    STATISTICS,
-    SUMMARY_OFFSET,
-    AttachmentEntry,
-    Channel,
-    Chunk,
-    DataEnd,
-    Footer,
-    Metadata,
-    MetadataEntry,
-    Opcode,
-    Schema,
-    Statistics,
-    SummaryOffset,
-    file_start,
-)
+from .records import AttachmentEntry, Channel, Chunk, MetadataEntry, Opcode, Schema
 
 MOST_CHANNELS = 2**16 - 1
 """MCAP numbers channels with 16 bits, and 0 is kept free."""
@@ -76,22 +53,22 @@ class WrittenContents:
         groups: list[tuple[int, bytes]] = [
             (Opcode.SCHEMA, b"".join(self.schemas.values())),
             (Opcode.CHANNEL, b"".join(self.channels.values())),
-            (Opcode.STATISTICS, STATISTICS.pack(self._statistics())),
-            (Opcode.CHUNK_INDEX, b"".join(map(CHUNK_INDEX.pack, self.chunks))),
-            (Opcode.ATTACHMENT_INDEX, b"".join(map(ATTACHMENT_INDEX.pack, self.attachments))),
-            (Opcode.METADATA_INDEX, b"".join(map(METADATA_INDEX.pack, self.metadata))),
+            (Opcode.STATISTICS, records.STATISTICS.pack(self._statistics())),
+            (Opcode.CHUNK_INDEX, b"".join(map(records.CHUNK_INDEX.pack, self.chunks))),
+            (Opcode.ATTACHMENT_INDEX, b"".join(map(records.ATTACHMENT_INDEX.pack, self.attachments))),
+            (Opcode.METADATA_INDEX, b"".join(map(records.METADATA_INDEX.pack, self.metadata))),
         ]
         summary, offsets = b"", b""
         for opcode, group in groups:
             if group:
-                offsets += SUMMARY_OFFSET.pack(SummaryOffset(opcode, start + len(summary), len(group)))
+                offsets += records.SUMMARY_OFFSET.pack(records.SummaryOffset(opcode, start + len(summary), len(group)))
                 summary += group
-        footer = Footer(start, start + len(summary), 0)
-        crc = zlib.crc32(summary + offsets + FOOTER.pack(footer)[:-4])
-        return summary + offsets + FOOTER.pack(replace(footer, summary_crc=crc)) + MAGIC
+        footer = records.Footer(start, start + len(summary), 0)
+        crc = zlib.crc32(summary + offsets + records.FOOTER.pack(footer)[:-4])
+        return summary + offsets + records.FOOTER.pack(replace(footer, summary_crc=crc)) + records.MAGIC
 
-    def _statistics(self) -> Statistics:
-        return Statistics(
+    def _statistics(self) -> records.Statistics:
+        return records.Statistics(
             message_count=sum(self.counts.values()),
             schema_count=len(self.schemas),
             channel_count=len(self.channels),
@@ -133,7 +110,7 @@ class FileWriter(Generic[Place]):
             library: What the header names as the writer.
             profile: What the header says of the messages: "ros1", "ros2" or nothing.
         """
-        self.output.write(file_start(library, profile))
+        self.output.write(records.file_start(library, profile))
 
     @property
     def size(self) -> int:
@@ -142,14 +119,14 @@ class FileWriter(Generic[Place]):
 
     def add_schema(self, schema: Schema) -> None:
         """Write a schema."""
-        record = SCHEMA.pack(schema)
+        record = records.SCHEMA.pack(schema)
         self.output.write(record)
         self.contents.schemas[schema.id] = record
         self._schema_ids.setdefault((schema.name, schema.encoding, schema.data), schema.id)
 
     def add_channel(self, channel: Channel) -> None:
         """Write a channel."""
-        record = CHANNEL.pack(channel)
+        record = records.CHANNEL.pack(channel)
         self.output.write(record)
         self.contents.channels[channel.id] = record
         self.contents.counts.setdefault(channel.id, 0)
@@ -178,7 +155,7 @@ class FileWriter(Generic[Place]):
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a Metadata record."""
-        at, record = self.size, METADATA.pack(Metadata(name, values))
+        at, record = self.size, records.METADATA.pack(records.Metadata(name, values))
         self.output.write(record)
         self.contents.metadata.append(MetadataEntry(name, at, len(record)))
 
@@ -196,5 +173,5 @@ class FileWriter(Generic[Place]):
 
     def write_end(self) -> None:
         """Write the end of the data section and the summary, at once."""
-        data_end = DATA_END.pack(DataEnd(0))
+        data_end = records.DATA_END.pack(records.DataEnd(0))
         self.output.write(data_end, self.contents.summary(self.size + len(data_end)))

@@ -52,6 +52,8 @@ class IndexedFile:
         self.salvages = salvages
         self._losses = Losses()
         self._metadata: dict[int, records.Metadata | None] = {}
+        self._corrected: set[int] = set()
+        """Where those chunks lie that the index was wrong about."""
         self._are_times_true = False
         """Whether the times that the index says of chunks were checked already."""
         self._size = self.source.size()
@@ -216,6 +218,7 @@ class IndexedFile:
             return False
         self.note(error.offset, error.what)
         self.adopt(replace(scanned, losses=index.losses))
+        self._corrected.clear()
         return True
 
     def adopt(self, index: FileIndex) -> None:
