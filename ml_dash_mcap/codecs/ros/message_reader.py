@@ -11,9 +11,7 @@ import numpy as np
 
 from ...errors import EncodingError
 from .message_types import (
-    APPENDABLE,
     CODES,
-    MUTABLE,
     PLACEHOLDER,
     STRING,
     Array,
@@ -25,6 +23,7 @@ from .message_types import (
     Undecoded,
 )
 from .pieces import MOST_NOTHINGS, pieces
+from .value_sizes import ValueSizes
 from .wire import CDR_HEAD_BYTES, Wire
 
 Read = Callable[[bytes, int], tuple[Any, int]]
@@ -64,11 +63,10 @@ class _Compiler:
         self.wire = wire
         self.fields_left = _FIELDS
         self.has_placeholders = wire.is_cdr and definitions.has_placeholders
-        self._default = default
+        self.value_sizes = ValueSizes(definitions, wire, default)
         self._names: dict[str, Any] = {"__builtins__": {}, **pieces(wire, replaces=replaces)}
         """What the functions may refer to."""
         self._elements: dict[Type, str] = {}
-        self._sizes: dict[str, int] = {}
 
     def function(self, type_: Type, alignment: int) -> Read:
         """Compile the function that reads a type.
@@ -99,24 +97,13 @@ class _Compiler:
         self._names[name] = value
         return name
 
-    def has_size(self, name: str) -> bool:
-        """Whether a message begins with its size.
-
-        Raises:
-            EncodingError: Its members are numbered.
-        """
-        kind = self.definitions.extensibility.get(name, self._default)
-        if kind == MUTABLE:
-            raise EncodingError(f"{name} is @mutable, which is not decoded")
-        return self.wire.is_version_2 and kind == APPENDABLE
-
     def weight(self, type_: Type) -> int:
         """Return how many values there are in one of a type that takes no bytes; 0 if it takes some.
 
         Raises:
             EncodingError: They are so many that a message of a few bytes would fill the memory.
         """
-        if self.smallest(type_):
+        if self.value_sizes.least(type_):
             return 0
         if isinstance(type_, Array):
             count = 1 + (type_.length or 0) * self.weight(type_.of)
@@ -127,21 +114,6 @@ class _Compiler:
             what = type_.name if isinstance(type_, Named) else type_
             raise EncodingError(f"it has {what}, which are {count} values that take no bytes")
         return count
-
-    def smallest(self, type_: Type) -> int:
-        """Return how many bytes a value of a type has at least, without padding."""
-        if isinstance(type_, Basic):
-            return 4 if type_.name == STRING else Struct(CODES[type_.name]).size
-        if isinstance(type_, Array):
-            return 4 if type_.length is None else type_.length * self.smallest(type_.of)
-        if not isinstance(type_, Named):
-            return 1
-        if type_.name not in self._sizes:
-            self._sizes[type_.name] = 1  # of a message in itself, which is refused later
-            fields = self.definitions.messages[type_.name]
-            least = (1 if self.has_placeholders and not fields else 0) + 4 * self.has_size(type_.name)
-            self._sizes[type_.name] = least + sum(self.smallest(field) for field in fields.values())
-        return self._sizes[type_.name]
 
 
 class _Body:
@@ -182,7 +154,7 @@ class _Body:
         if name in inside:
             raise EncodingError(f"{name} has a {name} in itself")
         fields = self._compiler.definitions.messages[name]
-        end = self._sized() if self._compiler.has_size(name) else ""
+        end = self._sized() if self._compiler.value_sizes.has_size(name) else ""
         values = {key: self.value(field, (*inside, name)) for key, field in fields.items()}
         if self._compiler.has_placeholders and not fields:
             self._numbers("uint8", None)

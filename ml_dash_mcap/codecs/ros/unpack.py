@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .fixed_layout import FixedLayouts
 from .message_columns import Column, Indices, Ragged, count, pick
 from .message_types import PLACEHOLDER, Array, Basic, Definitions, Named, Type, numbers_in
+from .value_sizes import ValueSizes
 from .wire import BY_HEAD, CDR_HEAD_BYTES, CDR_PADDING, ROS1, Wire
 
 _STEPS, _BYTES_A_STEP = 2000, 100
@@ -38,7 +38,7 @@ def unpack(definitions: Definitions, messages: list[bytes], *, is_ros1: bool = F
     wire = ROS1 if is_ros1 else _wire_of(messages)
     start = 0 if is_ros1 else CDR_HEAD_BYTES
     steps = _STEPS + len(data) // _BYTES_A_STEP
-    unpacker = _Unpacker(FixedLayouts(definitions, wire), data, np.cumsum(sizes) - sizes, sizes, steps)
+    unpacker = _Unpacker(ValueSizes(definitions, wire), data, np.cumsum(sizes) - sizes, sizes, steps)
     unpacker.place = unpacker.origin = start
     if bool((sizes == sizes[0]).all()):
         unpacker.matrix = data.reshape(len(sizes), int(sizes[0]))
@@ -67,7 +67,7 @@ class _Unpacker:
     """Goes through a definition once and takes each field of all messages."""
 
     def __init__(
-        self, layouts: FixedLayouts, data: npt.NDArray[np.uint8], starts: Indices, sizes: Indices, steps_left: int
+        self, value_sizes: ValueSizes, data: npt.NDArray[np.uint8], starts: Indices, sizes: Indices, steps_left: int
     ) -> None:
         self.data = data
         self.starts = starts
@@ -79,8 +79,8 @@ class _Unpacker:
         self.steps_left = steps_left
         self.matrix: npt.NDArray[np.uint8] | None = None
         """The messages, [N, size], if all have one size."""
-        self._layouts = layouts
-        self._definitions, self._wire = layouts.definitions, layouts.wire
+        self._value_sizes = value_sizes
+        self._definitions, self._wire = value_sizes.definitions, value_sizes.wire
 
     def read(self, type_: Type) -> Column:
         """Take the next value of each message."""
@@ -169,7 +169,7 @@ class _Unpacker:
     # -- texts, messages and lists in lists ----------------------------------------------------------------------------
 
     def _items(self, type_: Type, lengths: Indices) -> Ragged:
-        least = self._layouts.least(type_)
+        least = self._value_sizes.least(type_)
         if not least:
             raise ValueError("lists of values that take no bytes are not read by columns")
         self._check(lengths * least)
@@ -177,7 +177,7 @@ class _Unpacker:
             return Ragged.behind_each_other(self._nothing(type_), lengths)
         return (
             self._items_at_once(type_, lengths)
-            if self._layouts.is_fixed(type_)
+            if self._value_sizes.is_fixed(type_)
             else self._items_in_turn(type_, lengths)
         )
 
@@ -191,7 +191,7 @@ class _Unpacker:
         ends = np.empty(len(lengths), np.int64)
         for residue in np.unique(residues).tolist():
             mine = residues == residue
-            steps = self._layouts.offsets(type_, residue, int(lengths[mine].max()))
+            steps = self._value_sizes.offsets(type_, residue, int(lengths[mine].max()))
             ends[mine] = steps[lengths[mine]]
             chosen = np.repeat(mine, lengths)
             offsets[chosen] = steps[number[chosen]]
@@ -225,7 +225,7 @@ class _Unpacker:
 
     def _inner(self, starts: Indices, sizes: Indices, places: Indices) -> _Unpacker:
         """Return what reads on at places in some of the messages."""
-        inner = _Unpacker(self._layouts, self.data, starts, sizes, self.steps_left)
+        inner = _Unpacker(self._value_sizes, self.data, starts, sizes, self.steps_left)
         inner.place, inner.origin = places, self.origin
         return inner
 

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import time
 import tracemalloc
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.writer import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from ml_dash_mcap import Recording
 from ml_dash_mcap.codecs.ros.message_decoder import MessageDecoder, decoder
 from ml_dash_mcap.codecs.ros_columns import RosColumnReader
+from ml_dash_mcap.errors import UndecodedWarning
 from ml_dash_mcap.rows.dotted import flatten
+from ml_dash_mcap.rows.field_choice import project
 from ml_dash_mcap.rows.table import Block, Column, block_of
 from tests.support import ros_messages
 from tests.support.examples import examples
@@ -103,8 +110,8 @@ def test_bytes_that_are_no_such_message_are_refused_or_say_what_their_rows_say(c
 def test_items_of_a_fixed_size_lie_where_alignment_puts_them(length: int, first: str, item: str) -> None:
     text = f"{first}\nInner[] x\nuint8 last\n{'=' * 80}\nMSG: pkg/Inner\n{item}"
     fields = dict(line.split()[::-1] for line in item.splitlines())
-    store = ros_messages.get_typestore(ros_messages.Stores.EMPTY)
-    store.register(ros_messages.get_types_from_msg(text, "pkg/msg/Outer"))
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(text, "pkg/msg/Outer"))
     inner = store.types["pkg/msg/Inner"]
     rows, payloads = [], []
     for number in range(3):
@@ -116,12 +123,7 @@ def test_items_of_a_fixed_size_lie_where_alignment_puts_them(length: int, first:
             for at in range(length + number)
         ]
         items = [
-            inner(
-                **{
-                    k: ros_messages.np.frombuffer(v, ros_messages.np.uint8) if isinstance(v, bytes) else v
-                    for k, v in value.items()
-                }
-            )
+            inner(**{k: np.frombuffer(v, np.uint8) if isinstance(v, bytes) else v for k, v in value.items()})
             for value in values
         ]
         firsts = {"first": number + (0.5 if "float" in first else 0)} if first else {}
@@ -189,3 +191,63 @@ def test_messages_of_two_byte_orders_or_without_a_head_are_left_to_rows() -> Non
         [little, little + bytes(4)],
     ):
         assert in_columns("uint32 x", odd) is None
+
+
+JOINTS = "std_msgs/Header header\nstring[] name\nfloat64[] position\nuint8[] raw"
+
+
+def joint_states(count: int) -> list[bytes]:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(JOINTS, "p/msg/Joints"))
+    header, time = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    return [
+        bytes(
+            store.serialize_cdr(
+                store.types["p/msg/Joints"](
+                    header=header(stamp=time(sec=at, nanosec=5), frame_id="base"),
+                    name=["a", "b"],
+                    position=np.array([0.5 * at, 1.5]),
+                    raw=np.frombuffer(bytes([at % 256, 1]), np.uint8),
+                ),
+                "p/msg/Joints",
+            )
+        )
+        for at in range(count)
+    ]
+
+
+def write(path: Path, payloads: list[bytes]) -> Path:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(JOINTS, "p/msg/Joints"))
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=4096)
+        writer.start(profile="ros2")
+        text = store.generate_msgdef("p/msg/Joints", ros_version=2)[0]
+        schema = writer.register_schema("p/msg/Joints", "ros2msg", text.encode())
+        channel = writer.register_channel("/joints", "cdr", schema)
+        for at, payload in enumerate(payloads):
+            writer.add_message(channel, at * 10**8, payload, at * 10**8)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("columns", [None, ["position"], ["header"], ["raw", "header.stamp.sec"]])
+def test_the_columns_of_a_topic_are_those_of_its_rows(tmp_path: Path, columns: list[str] | None) -> None:
+    with Recording(write(tmp_path / "a.mcap", joint_states(300))) as recording:
+        table = recording["/joints"].to_arrow(columns=columns)
+        rows = [
+            flatten(row if columns is None else project(row, columns), "_ts") for row in recording["/joints"].rows()
+        ]
+        assert table.rename_columns(["_ts", *table.column_names[1:]]).to_pylist() == rows
+        assert len(table) == 300
+
+
+def test_a_message_that_is_not_what_its_type_says_costs_the_others_nothing(tmp_path: Path) -> None:
+    payloads = joint_states(5)
+    payloads[2] = payloads[2][:-3]
+    with Recording(write(tmp_path / "a.mcap", payloads)) as recording:
+        with pytest.warns(UndecodedWarning, match="no p/msg/Joints") as warned:
+            table = recording["/joints"].to_arrow()
+        assert len(warned) == 1
+    assert table["_data"].to_pylist() == [None, None, payloads[2], None, None]
+    assert table["position"].to_pylist() == [[0.0, 1.5], [0.5, 1.5], None, [1.5, 1.5], [2.0, 1.5]]

@@ -1,11 +1,12 @@
-"""Which values take a fixed number of bytes, and where several of them lie behind each other."""
+"""How many bytes values take, and where several of them lie behind each other."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from ...errors import EncodingError
 from .message_columns import Indices
-from .message_types import Array, Basic, Definitions, Named, Type
+from .message_types import APPENDABLE, MUTABLE, Array, Basic, Definitions, Named, Type
 from .wire import Wire
 
 _DEEPEST = 40
@@ -14,22 +15,44 @@ _DEEPEST = 40
 _MOST_ITEMS = 100_000
 """Of messages in an array of fixed length, for its size to be worked out."""
 
+_SIZE_BYTES = 4
+"""Of the number before a message that begins with its size."""
+
 _MOST_BYTES = 1 << 30
 """More than these make no difference to what a value takes at least, and would overflow when they are multiplied."""
 
 
-class FixedLayouts:
+class ValueSizes:
     """Sizes of the values of one definition in one wire format.
 
     In CDR the size of a value depends on where it starts, because numbers are aligned. What counts is the residue: the
     place modulo the widest alignment.
     """
 
-    def __init__(self, definitions: Definitions, wire: Wire) -> None:
+    def __init__(self, definitions: Definitions, wire: Wire, default: str = "final") -> None:
+        """Prepare to work sizes out.
+
+        Args:
+            definitions: The message and those in it.
+            wire: The format.
+            default: What messages are in XCDR2 whose definition does not say it: "final" or "appendable".
+        """
         self.definitions = definitions
         self.wire = wire
+        self._default = default
         self._sizes: dict[tuple[Type, int], int | None] = {}
         self._least: dict[Type, int] = {}
+
+    def has_size(self, name: str) -> bool:
+        """Whether a message begins with its size, in bytes.
+
+        Raises:
+            EncodingError: Its members are numbered.
+        """
+        kind = self.definitions.extensibility.get(name, self._default)
+        if kind == MUTABLE:
+            raise EncodingError(f"{name} is @mutable, which is not decoded")
+        return self.wire.is_version_2 and kind == APPENDABLE
 
     def is_fixed(self, type_: Type) -> bool:
         """Whether all values of a type take the same number of bytes, but for padding."""
@@ -118,4 +141,8 @@ class FixedLayouts:
             return 1
         fields = self.definitions.messages[type_.name]
         has_byte = not fields and self.wire.is_cdr and self.definitions.has_placeholders
-        return int(has_byte) + sum(self.least(inner) for inner in fields.values())
+        return (
+            int(has_byte)
+            + _SIZE_BYTES * self.has_size(type_.name)
+            + sum(self.least(inner) for inner in fields.values())
+        )
