@@ -85,8 +85,8 @@ def survive_a_crash(folder: Path, said: str) -> None:
 def read_a_window(folder: Path, said: str) -> None:
     assert "{'timestamp': 10.01, 'pose.yaw': 0.1}" in said
     table = pq.read_table(folder / ".dash/examples/drone/window/second-10.parquet")
-    assert table.column_names == ["timestamp", "pose.xyz", "pose.yaw"]
-    assert table["timestamp"].to_pylist() == [step / 100 for step in range(1000, 1101)]
+    assert table.column_names == ["_ts", "timestamp_ns", "pose"]
+    assert table["_ts"].to_pylist() == [step / 100 for step in range(1000, 1101)]
 
 
 def same_time_rows(folder: Path, said: str) -> None:

@@ -95,7 +95,7 @@ def test_a_file_for_text_is_refused_where_bytes_are_written(home: Path) -> None:
         assert "sys.stdout.buffer" in message(TypeError, lambda: rec["robot"].write(io.StringIO()))  # type: ignore[arg-type]
         out = io.BytesIO()
         rec["robot"].write(out, end=0.0)
-        assert out.getvalue() == b'{"timestamp":0.0,"q":[0.1,0.2]}\n'
+        assert out.getvalue() == b'{"_ts":0.0,"q":[0.1,0.2]}\n'
 
 
 def test_one_row_in_place_of_a_list_is_refused_with_what_to_write(home: Path) -> None:

@@ -41,7 +41,7 @@ def record(
     registry.load(entry.read)(path, recorder, _made(entry, path, options), progress)
 
 
-def into(src: str | Path, folder: Path, prefix: str, *, progress: Progress | None = None, **options: Any) -> None:
+def into(src: str | Path, folder: Path, prefix: str, /, *, progress: Progress | None = None, **options: Any) -> None:
     """Make a recording of what is in a foreign file or folder.
 
     Args:

@@ -358,7 +358,7 @@ def test_a_warning_is_one_line(tmp_path: Path, capsys: Capture) -> None:
     with (tmp_path / "a.mcap").open("wb") as file:
         writer = Writer(file)
         writer.start()
-        channel = writer.register_channel("arm", "cbor", 0)
+        channel = writer.register_channel("arm", "avro", 0)
         writer.add_message(channel, 0, b"\xa0", 0)
         writer.finish()
     assert main(["cat", str(tmp_path / "a.mcap"), "arm"]) == 0
