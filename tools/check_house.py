@@ -23,7 +23,7 @@ MEDIAN_LINES = 10
 PARALLEL = {"__init__", "read", "write", "layout"}
 """Names of files that each room of a format may have."""
 
-PARALLEL_ROOMS = ({"cli", "formats", "query"}, {"cli", "run"}, {"cli", "inspect"})
+PARALLEL_ROOMS = ({"cli", "formats", "query"}, {"cli", "run"}, {"cli", "inspect"}, {"codecs", "formats"})
 """Rooms beside each other that may have files of one name, as a command is called like what it calls."""
 
 RIDDLES = {"said", "one", "found", "known", "ones"}
