@@ -66,6 +66,16 @@ ANGULAR_RATE = FieldMeaning(("gyro", "angular_velocity"), "angular velocity", ((
 MAGNETIC_FIELD = FieldMeaning(("mag",), "magnetic field", ((3,),))
 TEMPERATURE = FieldMeaning(("temp", "temperature"), "temperature", ((),))
 
+CAMERA_MATRIX = FieldMeaning(("intrinsics", "k"), None, ((3, 3), (9,)))
+DISTORTION = FieldMeaning(("dist", "d"))
+IMAGE_WIDTH, IMAGE_HEIGHT = FieldMeaning(("width",), None, ((),)), FieldMeaning(("height",), None, ((),))
+COLOURS = FieldMeaning(("rgb", "image"))
+"""Pixels [H, W, 1], [H, W, 3] or [H, W, 4]."""
+DEPTHS = FieldMeaning(("depth",), "length")
+"""Pixels [H, W]."""
+ENCODED_IMAGE = FieldMeaning(("rgb", "image", "img", "jpeg", "jpg", "png"))
+"""The bytes of a JPEG or PNG file."""
+
 _MATRIX = re.compile(r"(?:^|_)T(?:_|$)")
 """A matrix in the words of kinematics: `T_base_ee`, `ee_T`. A small letter is a time."""
 

@@ -78,10 +78,10 @@ ROLES: Mapping[str, Mapping[str, Role]] = {
     MAGNETIC: {"magnetic_field": _role(kinds.MAGNETIC_FIELD)},
     TEMPERATURE: {"temperature": _role(kinds.TEMPERATURE)},
     CAMERA_INFO: {
-        "k": Role((_M33, (9,))),
+        "k": _role(kinds.CAMERA_MATRIX),
         "d": Role((_ANY_VECTOR,)),
-        "width": Role(((),)),
-        "height": Role(((),)),
+        "width": _role(kinds.IMAGE_WIDTH),
+        "height": _role(kinds.IMAGE_HEIGHT),
     },
     IMAGE: {"data": Role((_COLORS, _DEPTH))},
     COMPRESSED: {"data": Role((_BYTES, _PATH))},
@@ -215,11 +215,16 @@ CONVENTIONS = (
     Convention(
         "camera_info",
         CAMERA_INFO,
-        {"k": ("intrinsics", "K", "k"), "d": ("dist", "D", "d"), "width": ("width",), "height": ("height",)},
+        {
+            "k": kinds.CAMERA_MATRIX.names,
+            "d": kinds.DISTORTION.names,
+            "width": kinds.IMAGE_WIDTH.names,
+            "height": kinds.IMAGE_HEIGHT.names,
+        },
     ),
-    Convention("image", IMAGE, {"data": ("rgb", "image")}, _COLORS),
-    Convention("depth", IMAGE, {"data": ("depth",)}, _DEPTH),
-    Convention("image/compressed", COMPRESSED, {"data": ("rgb", "image", "img", "jpeg", "jpg", "png")}),
+    Convention("image", IMAGE, {"data": kinds.COLOURS.names}, _COLORS),
+    Convention("depth", IMAGE, {"data": kinds.DEPTHS.names}, _DEPTH),
+    Convention("image/compressed", COMPRESSED, {"data": kinds.ENCODED_IMAGE.names}),
 )
 """What the fields of one dict make; poses of other owners than `ee` are added to them by `field_kinds.poses`."""
 
