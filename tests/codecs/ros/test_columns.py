@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import time
 import tracemalloc
 from pathlib import Path
@@ -251,3 +252,25 @@ def test_a_message_that_is_not_what_its_type_says_costs_the_others_nothing(tmp_p
         assert len(warned) == 1
     assert table["_data"].to_pylist() == [None, None, payloads[2], None, None]
     assert table["position"].to_pylist() == [[0.0, 1.5], [0.5, 1.5], None, [1.5, 1.5], [2.0, 1.5]]
+
+
+IDL = """module pkg { module msg {
+  enum Color { RED, GREEN };
+  struct Outer { double m[2][3]; octet o[2][2]; Color c; sequence<Color> more; sequence<double> two[2]; string t; };
+}; };"""
+
+
+def test_arrays_in_arrays_and_enumerations_are_what_their_rows_are() -> None:
+    payloads = []
+    for number in range(4):
+        data = b"\0\1\0\0" + struct.pack("<6d4BI", *(0.5 * number + at for at in range(6)), 1, 2, 3, number, number % 2)
+        data += struct.pack(f"<I{number}I", number, *range(number))
+        for length in (number, 1):  # doubles lie at multiples of 8, counted from behind the head
+            data += struct.pack("<I", length)
+            data += bytes(-(len(data) - 4) % 8) * (length > 0) + struct.pack(f"<{length}d", *[0.25] * length)
+        payloads.append(data + struct.pack("<I3s", 3, b"ab\0"))
+    decode = decoder("pkg/msg/Outer", "ros2idl", IDL)
+    rows = [decode(payload) for payload in payloads]
+    assert rows[3]["m"] == [[1.5, 2.5, 3.5], [4.5, 5.5, 6.5]]
+    assert (rows[3]["o"], rows[3]["more"], rows[3]["two"]) == ([b"\1\2", b"\3\3"], [0, 1, 2], [[0.25] * 3, [0.25]])
+    assert_same(columns_of(decode, payloads), columns_of_rows(rows))
