@@ -257,7 +257,7 @@ def test_a_package_name_that_ros_refuses_or_has_is_named(tmp_path: Path, package
 
 
 def test_an_option_that_there_is_not_is_named(tmp_path: Path) -> None:
-    refused(tmp_path, UsageError, "no option 'store'", {"robot": robot_rows(1)}, store="mcap")
+    refused(tmp_path, UsageError, "no option 'stored'", {"robot": robot_rows(1)}, stored="mcap")
 
 
 def test_a_destination_that_exists_is_left_alone(tmp_path: Path) -> None:
