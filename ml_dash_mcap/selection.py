@@ -44,29 +44,39 @@ class Selection:
         (51, 7)
     """
 
-    part: TopicPart
+    _part: TopicPart
     """What is asked for, as the reading code has it."""
     _info: Callable[[], TopicInfo]
 
     @property
     def topic(self) -> str:
         """The topic's name."""
-        return self.part.topic
+        return self._part.topic
 
     @property
     def start(self) -> float | None:
         """First time stamp, in s; None for the beginning."""
-        return None if math.isinf(self.part.start) else self.part.start
+        return None if math.isinf(self._part.start) else self._part.start
 
     @property
     def end(self) -> float | None:
         """Last time stamp, included, in s; None for the end."""
-        return None if math.isinf(self.part.end) else self.part.end
+        return None if math.isinf(self._part.end) else self._part.end
 
     @property
     def columns(self) -> Sequence[str] | None:
         """Dotted names of the columns; None for all."""
-        return self.part.columns
+        return self._part.columns
+
+    @property
+    def start_index(self) -> int:
+        """How many rows of the time range are left out at its beginning."""
+        return self._part.start_index
+
+    @property
+    def limit(self) -> int | None:
+        """How many rows at most; None for all."""
+        return self._part.limit
 
     def rows(self) -> Iterator[Row]:
         """Yield the rows in time order as they were given, nested dicts as dicts, each with its time stamp as `_ts`.
@@ -195,34 +205,34 @@ class Selection:
         Args:
             most_s: A row farther than this from the range is left out, in s; None for any distance.
         """
-        part, most_s = self.part, math.inf if most_s is None else most_s
+        part, most_s = self._part, math.inf if most_s is None else most_s
         low, high = neighbours.widen(part.stored, part.start, part.end)
         wider = replace(part, start=max(low, part.start - most_s), end=min(high, part.end + most_s))
-        return replace(self, part=wider)
+        return replace(self, _part=wider)
 
     def __iter__(self) -> Iterator[Row]:
         return self.rows()
 
     def __len__(self) -> int:
         """How many rows there are; of a whole topic, what the indexes say."""
-        part = self.part
+        part = self._part
         if part.has_all_rows and self.start is None and self.end is None:
             return counts.count(part.stored)
         return sum(block.count for block in replace(part, columns=(TIME_KEY,)).blocks())
 
     def __repr__(self) -> str:
-        asked = {name: getattr(self, name) for name in ("start", "end", "columns")}
-        asked |= {"start_index": self.part.start_index or None, "limit": self.part.limit}
+        asked = {name: getattr(self, name) for name in ("start", "end", "columns", "limit")}
+        asked["start_index"] = self.start_index or None
         listed = "".join(f", {name}={value!r}" for name, value in asked.items() if value is not None)
         return f"<Selection of {self.topic!r}{listed}>"
 
     def _checked(self) -> TopicPart:
         """Return what to read, once it is known that the recording is open and that the topic has the columns."""
-        self.part.stored.check_open()
-        for name in self.part.columns or ():
+        self._part.stored.check_open()
+        for name in self._part.columns or ():
             if not self._has(name):
                 raise not_found("column", name, self._info().fields, f"topic {self.topic!r}")
-        return self.part
+        return self._part
 
     def _has(self, column: str) -> bool:
         """Whether any row has such a field, or one inside it."""
@@ -232,5 +242,5 @@ class Selection:
             field == name or field.startswith(name + ".") for field in fields for name in names
         ):
             return True
-        rare = TopicPart(self.part.stored, columns=(column,))  # one that the schema cannot express
+        rare = TopicPart(self._part.stored, columns=(column,))  # one that the schema cannot express
         return any(len(row) > 1 for row in rare.rows())
