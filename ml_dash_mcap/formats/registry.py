@@ -279,7 +279,10 @@ def may_be_foreign(path: Path) -> bool:
     if not path.is_dir():
         return path.is_file() and not path.name.removesuffix(ACTIVE_SUFFIX).endswith(SEGMENT_SUFFIX)
     endings = tuple(ending for entry in _formats.values() for ending in entry.inside)
-    return any(inside.name.endswith(endings) for inside in path.iterdir())
+    try:
+        return any(inside.name.endswith(endings) for inside in path.iterdir())
+    except OSError:  # whoever opens the folder says why it cannot be read
+        return False
 
 
 def suffix_format(dest: Path) -> str | None:

@@ -206,3 +206,10 @@ def test_an_instance_of_options_goes_to_reading_or_writing_by_its_class(toys: Pa
         assert recording.start == 2.0
     with pytest.raises(UsageError, match="takes ToyWriteOptions as options=, not dict"):
         convert(toys, tmp_path / "odd.toy", options={"digits": 1})
+
+
+def test_a_folder_with_a_file_of_it_is_asked_about_and_other_folders_are_not(tmp_path: Path) -> None:
+    assert not registry.may_be_foreign(tmp_path)
+    (tmp_path / "a.toy").write_bytes(MAGIC)
+    assert registry.may_be_foreign(tmp_path)
+    assert registry.detect(tmp_path) is None
