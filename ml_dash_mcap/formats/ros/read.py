@@ -18,7 +18,7 @@ from .. import file_signs
 from ..file_start import FileStart
 from ..registry import Progress
 from . import bag_folder
-from .bag_contents import Bag, batches
+from .bag_contents import Bag, BagFile, batches
 from .bag_folder import FolderBag
 from .bag_mcap import read as bag_mcap
 from .bag_metadata.information import BagInformation
@@ -126,29 +126,15 @@ class _Conversion:
     def run(self, wanted: Collection[str] | None) -> None:
         """Copy or translate the messages of some topics."""
         origins = Origins(self._bag)
-        keeps_all = self._encoding == "ros" and wanted is None
-        chosen = set(self._bag.channels) if keeps_all else origins.chosen(self._bag.channels, wanted)
-        if self._types.decoding.on_unknown == "skip":
-            chosen -= self._left_out(chosen)
-        if self._encoding == "json" or self._uses_header:
-            rows = chosen
-        else:
-            rows = set() if self._encoding == "ros" else chosen & origins.own.keys()
-        carried = chosen - rows
+        carried, rows = self._divided(origins, wanted)
         makes_rows = bool(rows) or self._encoding == "json" or self._uses_header
-        carrier = Carrier(
-            self._src,
-            self._bag,
-            self._folder,
-            self._prefix,
-            self._types,
-            carried,
-            keeps_all_files=bool(carried) or not makes_rows,
-        )
+        keeps_all_files = bool(carried) or not makes_rows
+        folder, prefix = self._folder, self._prefix
+        carrier = Carrier(self._src, self._bag, folder, prefix, self._types, carried, keeps_all_files=keeps_all_files)
         with ExitStack() as stack:
             intake = None
             if makes_rows:
-                recorder = stack.enter_context(Recorder(self._folder, prefix=self._prefix))
+                recorder = stack.enter_context(Recorder(folder, prefix=prefix))
                 ordered = [channel for channel in self._bag.channels if channel in rows]
                 intake = Intake(self._src, recorder, origins, self._types, ordered, self._uses_header, self._salvages)
             for file in self._bag.files():
@@ -158,14 +144,22 @@ class _Conversion:
                     for batch in batches(file, intake.wanted):
                         intake.add(batch)
                         self._add(len(batch.times_ns))
-                for loss in [*file.losses, *(intake.losses if intake is not None else ())]:
-                    warnings.warn(f"{loss}; it is left out", ConversionWarning, stacklevel=5)
-                if intake is not None:
-                    intake.losses.clear()
-                for correction in file.corrections:
-                    warnings.warn(f"{correction}; nothing is lost by it", ConversionWarning, stacklevel=5)
+                _warn_of_losses(file, intake)
         if self._progress is not None and self._done < self._bag.count:  # some were not wanted
             self._progress(self._bag.count, self._bag.count)
+
+    def _divided(
+        self, origins: Origins, wanted: Collection[str] | None
+    ) -> tuple[Collection[Connection], Collection[Connection]]:
+        """Return the channels whose messages stay as they are, and those whose messages become rows."""
+        keeps_all = self._encoding == "ros" and wanted is None
+        chosen = set(self._bag.channels) if keeps_all else origins.chosen(self._bag.channels, wanted)
+        if self._types.decoding.on_unknown == "skip":
+            chosen -= self._left_out(chosen)
+        if self._encoding == "json" or self._uses_header:
+            return set(), chosen
+        rows = set() if self._encoding == "ros" else chosen & origins.own.keys()
+        return chosen - rows, rows
 
     def _add(self, count: int) -> None:
         self._done += count
@@ -176,8 +170,18 @@ class _Conversion:
         unknown = {channel for channel in channels if self._types.is_unknown(channel)}
         for channel in sorted(unknown, key=lambda channel: channel.topic):
             what = f"topic {channel.topic!r} of type {channel.type!r}: nobody knows what its messages are made of"
-            warnings.warn(f"{what}; it is left out", ConversionWarning, stacklevel=6)
+            warnings.warn(f"{what}; it is left out", ConversionWarning, stacklevel=7)
         return unknown
+
+
+def _warn_of_losses(file: BagFile, intake: Intake | None) -> None:
+    """Warn of what was left out of a file, and of what it states wrongly about itself."""
+    for loss in [*file.losses, *(intake.losses if intake is not None else ())]:
+        warnings.warn(f"{loss}; it is left out", ConversionWarning, stacklevel=6)
+    if intake is not None:
+        intake.losses.clear()
+    for correction in file.corrections:
+        warnings.warn(f"{correction}; nothing is lost by it", ConversionWarning, stacklevel=6)
 
 
 def _open(path: Path, salvages: bool, limits: Limits) -> Bag:
