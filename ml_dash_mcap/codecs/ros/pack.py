@@ -1,7 +1,7 @@
-"""Many messages at once to bytes, as columns: CDR, which ROS 2 speaks, or the serialisation of ROS 1.
+"""Many messages at once from columns to bytes, in plain CDR, which ROS 2 sends, or in ROS 1's format.
 
 Where all messages have one size, they are the rows of a matrix of bytes into which whole columns are written;
-otherwise each message has a place of its own in one long array. The packer over the type is the same.
+otherwise each message has a place of its own in one long array. The walk over the definition is the same for both.
 """
 
 from __future__ import annotations
@@ -50,6 +50,8 @@ _LARGE_BYTES = 256
 
 
 class _PackedValues(NamedTuple):
+    """The bytes of one field of all messages, or of some."""
+
     rows: Indices | None
     """Of which messages; None for all."""
     place: Places

@@ -185,30 +185,34 @@ class Planner:
         except ConversionError as error:
             raise ConversionError(f"topic {topic!r}: {error}") from error
         self._check_units(topic)
-        writable = []
-        for derived in wanted:
-            why = underivable.check(derived)
-            ragged = underivable.ragged_role(derived)
-            where = (
-                f"topic {topic!r}"
-                if ragged is None
-                else f"topic {topic!r}{self._uneven(topic, derived.fields[ragged])}"
+        return [derived for derived in wanted if self._is_writable(derived, topic, called, taken)]
+
+    def _is_writable(self, derived: Derived, topic: str, called: str, taken: set[str]) -> bool:
+        """Whether a standard message can be made of a topic's rows and its name is free; takes the name then.
+
+        Raises:
+            ConversionError: It cannot, and that is to be an error.
+        """
+        why = underivable.check(derived)
+        ragged = underivable.ragged_role(derived)
+        where = f"topic {topic!r}"
+        if ragged is not None:
+            where += self._uneven(topic, derived.fields[ragged])
+        raises = self._settings.on_bad == "raise"
+        if why is not None and raises:
+            suffix = derived.topic.removeprefix(f"{called}/")
+            raise ConversionError(
+                f"{where}: {why}, so {derived.topic} cannot be written; pass mapping={{{topic!r}: {{{suffix!r}:"
+                " None}} to leave it out, or on_bad='lossless' to leave out all such with a warning"
             )
-            if why is not None and settings.on_bad == "raise":
-                suffix = derived.topic.removeprefix(f"{called}/")
-                raise ConversionError(
-                    f"{where}: {why}, so {derived.topic} cannot be written; pass mapping={{{topic!r}: {{{suffix!r}:"
-                    " None}} to leave it out, or on_bad='lossless' to leave out all such with a warning"
-                )
-            is_taken = derived.topic in taken and not (derived.type == conventions.TF and derived.topic == "/tf")
-            if is_taken and derived.is_asked and settings.on_bad == "raise":
-                raise ConversionError(f"topic {topic!r}: mapping of {derived.topic!r}: another topic has that name")
-            if why is not None or is_taken:
-                self.warn(f"{where}: {derived.topic} is left out: {why or 'another topic has that name'}")
-                continue
-            taken.add(derived.topic)
-            writable.append(derived)
-        return writable
+        is_taken = derived.topic in taken and not (derived.type == conventions.TF and derived.topic == "/tf")
+        if is_taken and derived.is_asked and raises:
+            raise ConversionError(f"topic {topic!r}: mapping of {derived.topic!r}: another topic has that name")
+        if why is not None or is_taken:
+            self.warn(f"{where}: {derived.topic} is left out: {why or 'another topic has that name'}")
+            return False
+        taken.add(derived.topic)
+        return True
 
     def _check_units(self, topic: str) -> None:
         """Warn of units of fields that a topic does not have, perhaps because they are nested."""
