@@ -12,7 +12,7 @@ import numpy as np
 
 from ....errors import ConversionWarning, ForeignFileError
 from ....meaning import rotations
-from ....meaning.space import turned, turned_rotations, unit_of
+from ....meaning.space import unit_of
 from ....meaning.units import DECIMALS
 from ....recorder import Recorder
 from ...registry import Progress
@@ -188,15 +188,11 @@ def _turns(matrices: Floats) -> Floats:
 
 def _turn_back(numbers: Floats, note: Note, points: int, bodies: int, unit: str) -> None:
     """Give numbers the units and axes that they had when they were recorded, in place."""
-    topics = {at: placement for placement in note.placements for at in placement.columns}
-    for at in range(0, 3 * points, 3):
-        placement = topics.get(at)
-        metadata = note.metadata.get(placement.topic, {}) if placement else {}
-        own = unit_of(metadata, ".".join(placement.path)) if placement else "m"
-        numbers[:, at : at + 3] *= 10.0 ** (DECIMALS[own] - DECIMALS[unit])
-        if note.up is not None:
-            numbers[:, at : at + 3] = turned(numbers[:, at : at + 3], note.up, str(metadata.get("up", "z")).lower())
-    for at in range(3 * points, 3 * points + 4 * bodies, 4):
-        up = str(note.metadata.get(topics[at].topic, {}).get("up", "z")).lower() if at in topics else "z"
-        if note.up is not None:
-            numbers[:, at : at + 4] = turned_rotations(numbers[:, at : at + 4], note.up, up)
+    fields = {at: placement for placement in note.placements for at in placement.columns}
+    places = [(at, at + 1, at + 2) for at in range(0, 3 * points, 3)]
+    turns = [(at, at + 1, at + 2, at + 3) for at in range(3 * points, 3 * points + 4 * bodies, 4)]
+    for place in places:
+        field = fields.get(place[0])
+        own = unit_of(note.metadata.get(field.topic, {}), ".".join(field.path)) if field else "m"
+        numbers[:, place] *= 10.0 ** (DECIMALS[own] - DECIMALS[unit])
+    restored.turn_back(numbers, note, places, turns)
