@@ -144,9 +144,9 @@ class OurTable:
         """Return the columns of each vector or matrix, and its shape, by its name."""
         names = [name for name in self._fields if name not in self._properties]
         return {
-            base: (elements.names, elements.shape)
-            for base, elements in vector_names.grouped(names).items()
-            if elements.is_whole and base not in self._fields and self._type_of(base) != "object"
+            base: elements
+            for base, elements in vector_names.vectors(names).items()
+            if base not in self._fields and self._type_of(base) != "object"
         }
 
     def _type_of(self, name: str) -> Any:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from ....errors import ForeignFileError
 from ....recorder import Recorder
+from ... import vector_names
 from ...registry import Progress
 from ...text.dialect import of_line
 from ...text.headers import HeaderLines, preview, without_empty_end
@@ -23,8 +20,6 @@ from ..row_times import Clue, Timing
 from ..take_options import WideReadOptions
 from ..track_rows import ReadingProgress, TopicRows
 from . import layout
-
-_INDEXED = re.compile(r"(.+?)((?:\.\d+)+)")
 
 
 def record(src: Path, recorder: Recorder, options: WideReadOptions, progress: Progress | None) -> None:
@@ -64,20 +59,16 @@ def record(src: Path, recorder: Recorder, options: WideReadOptions, progress: Pr
 
 
 def _placements(names: Sequence[str], topic: str) -> list[Placement]:
-    split = [
-        name.partition(layout.TOPIC_END) if layout.TOPIC_END in name else (topic, layout.TOPIC_END, name)
-        for name in names
-    ]
-    fields: dict[tuple[str, str], list[tuple[tuple[int, ...], int]]] = {}
+    end = layout.TOPIC_END
+    split = [name.partition(end) if end in name else (topic, end, name) for name in names]
+    fields: dict[tuple[str, str], list[tuple[vector_names.Index, int]]] = {}
     for at, (of, _, name) in enumerate(split):
-        indexed = _INDEXED.fullmatch(name)
-        label, index = (indexed[1], tuple(map(int, indexed[2][1:].split(".")))) if indexed else (name, ())
+        label, index = vector_names.split(name)
         fields.setdefault((of, label), []).append((index, at))
     placements: list[Placement] = []
     for (of, label), entries in fields.items():
-        indices = [index for index, _ in entries]
-        shape = tuple(max(axis) + 1 for axis in zip(*indices, strict=False))
-        if math.prod(shape) == len(indices) and indices == list(np.ndindex(*shape)):
+        shape = vector_names.whole_shape([index for index, _ in entries])
+        if shape is not None:
             placements.append(Placement(of, tuple(label.split(".")), shape, tuple(at for _, at in entries)))
         else:  # numbers that are names
             placements += [Placement(of, (split[at][2],), (), (at,)) for _, at in entries]
