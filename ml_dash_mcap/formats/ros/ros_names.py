@@ -12,8 +12,6 @@ from collections.abc import Collection, Iterable
 
 from ...errors import ConversionError
 
-_FIELD = re.compile(r"^(?!.*__)(?!.*_$)[a-z][a-z0-9_]*$")
-_MESSAGE = re.compile(r"^[A-Z][A-Za-z0-9]*$")
 _PACKAGE = re.compile(r"^(?!.*__)(?!.*_$)[a-z][a-z0-9_]*$")
 _TOPIC = re.compile(r"^/[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")
 
@@ -115,21 +113,6 @@ def check_topic(name: str) -> str:
             f"{name!r} is no ROS topic: it starts with '/', and its parts are letters, digits and single underscores"
         )
     return name
-
-
-def is_field(name: str) -> bool:
-    """Whether ROS takes a name for a field of a message."""
-    return _FIELD.match(name) is not None
-
-
-def is_message(name: str) -> bool:
-    """Whether ROS takes a name for a message, without its package."""
-    return _MESSAGE.match(name) is not None
-
-
-def is_topic(name: str) -> bool:
-    """Whether ROS takes a name for a topic."""
-    return _TOPIC.match(name) is not None and "__" not in name and not name.endswith("_")
 
 
 def _words(text: str) -> str:

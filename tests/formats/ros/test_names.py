@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import ConversionError
 from ml_dash_mcap.formats.ros import ros_names
+
+FIELD = re.compile(r"(?!.*__)(?!.*_$)[a-z][a-z0-9_]*")
+MESSAGE = re.compile(r"[A-Z][A-Za-z0-9]*")
+"""Of `rosidl_adapter` 3.3 (`VALID_FIELD_NAME_PATTERN`, `VALID_MESSAGE_NAME_PATTERN`)."""
+TOPIC = re.compile(r"(?!.*__)(?!.*_$)(/[A-Za-z_][A-Za-z0-9_]*)+")
+"""https://design.ros2.org/articles/topic_and_service_names.html"""
 
 
 @pytest.mark.parametrize(
@@ -79,14 +87,14 @@ def test_any_keys_become_different_names_that_ros_takes(keys: list[str]) -> None
     found = ros_names.fields(keys)
     assert list(found) == keys
     assert len(set(found.values())) == len(keys)
-    assert all(ros_names.is_field(name) and name not in ros_names.TAKEN_FIELDS for name in found.values())
+    assert all(FIELD.fullmatch(name) and name not in ros_names.TAKEN_FIELDS for name in found.values())
 
 
 @given(st.text(min_size=1, max_size=20))
 def test_any_topic_becomes_one_that_ros_takes(topic: str) -> None:
-    assert ros_names.is_topic(ros_names.topic(topic))
-    assert ros_names.is_topic(ros_names.topic(topic, {ros_names.topic(topic)}))
-    assert ros_names.is_message(ros_names.message(topic))
+    assert TOPIC.fullmatch(ros_names.topic(topic))
+    assert TOPIC.fullmatch(ros_names.topic(topic, {ros_names.topic(topic)}))
+    assert MESSAGE.fullmatch(ros_names.message(topic))
 
 
 @pytest.mark.parametrize("name", ["Upper", "a__b", "a_", "9a", "", "a-b", None])

@@ -20,7 +20,6 @@ from .lossless import INTEGER, MISSING, NONE, PRESENT, ROW_KEY, STATE, Message, 
 Row = Mapping[str, Any]
 
 _NOT_THERE: Any = object()
-_NONE_TYPE = type(None)
 _KINDS = {"bool": bool, "int64": int, "uint64": int, "float64": float}
 _DTYPES = {"bool": np.uint8, "int64": np.int64, "uint64": np.uint64, "float64": np.float64}
 _RANGES = {"int64": (-(2**63), 2**63 - 1), "uint64": (0, 2**64 - 1)}
