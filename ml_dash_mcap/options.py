@@ -36,7 +36,7 @@ class RecorderOptions:
 
     encoding: str = "json"
     """What the rows of tracks are encoded in, where `topic(encoding=...)` says nothing else: "json", which every viewer
-    reads."""
+    reads, or "cbor" (with the extra `cbor`), which only readers of CBOR do. Logs, metrics and episodes stay JSON."""
 
     compression: Compression = "zstd"
     """What chunks are compressed with."""

@@ -25,7 +25,7 @@ from .capture.sink_threads import SinkThreads
 from .capture.stats import Stats
 from .capture.topic_registry import TopicAbout, TopicRegistry
 from .capture.writer import Writer
-from .codecs import registry
+from .codecs import codec_table
 from .errors import PrefixError, StorageError, TopicError, UsageError
 from .file_names import PARAMETERS_RECORD, TRACK
 from .inspect.earlier_run import own_clock_until
@@ -84,7 +84,7 @@ class Recorder:
             raise misplaced("Recorder", unknown, arguments_of(Recorder))
         check_options(options)
         self.options = options if options is not None else RecorderOptions.from_environment()
-        registry.to_record(self.options.encoding)
+        codec_table.to_record(self.options.encoding)
         self.path = _make_folder(path)
         self.session = uuid.uuid4().hex[:16]
         """Names this opening of the recording; `run` in the metadata."""

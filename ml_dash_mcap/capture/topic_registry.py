@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..codecs import registry as codecs
+from ..codecs import codec_table
 from ..errors import TopicError
 from ..file_names import TOPIC_RECORD, TRACK
 from ..rows.json_text import dumps
@@ -96,7 +96,7 @@ class TopicRegistry:
             is_new = topic is None
             if is_new:
                 default = self._encoding if kind == TRACK else "json"
-                codec = codecs.to_record(default if about.encoding is None else about.encoding)
+                codec = codec_table.to_record(default if about.encoding is None else about.encoding)
                 schema = None if about.schema is None else dumps(dict(about.schema))
                 info = ChannelInfo(next(self._numbers), name, kind, texts, schema, about.schema_name, codec)
                 if info.number > _MAX_TOPICS:

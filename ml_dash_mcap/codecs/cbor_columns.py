@@ -41,25 +41,19 @@ class CborColumnReader:
         size, count = sizes.most_common(1)[0] if sizes else (0, 0)
         if count <= _MOST_LEFT * len(payloads):
             return None
-        same = (
-            range(len(payloads))
-            if count == len(payloads)
-            else [n for n, one in enumerate(payloads) if len(one) == size]
-        )
-        data = np.frombuffer(b"".join([payloads[at] for at in same]), np.uint8)
-        layout, fits = self._layout(size, data, count, payloads[same[0]])
+        same = np.flatnonzero(np.fromiter(map(len, payloads), np.intp, len(payloads)) == size)
+        data = np.frombuffer(b"".join([payloads[at] for at in same.tolist()]), np.uint8)
+        layout, fits = self._layout(size, data, count)
         if layout is None or np.count_nonzero(fits) <= _MOST_LEFT * len(payloads):
             return None
         rows = data.reshape(count, size)
         arrays: dict[str, Any] = {}
         if any("." in name for name in layout.root):
             return None
-        if not all(
-            self._put(arrays, name, item, rows if fits.all() else rows[fits]) for name, item in layout.root.items()
-        ):
+        rows = rows if fits.all() else rows[fits]
+        if not all(self._put(arrays, name, item, rows) for name, item in layout.root.items()):
             return None
-        others = np.setdiff1d(np.arange(len(payloads)), np.array(same)[fits])
-        return Columns(arrays, others)
+        return Columns(arrays, np.setdiff1d(np.arange(len(payloads)), same[fits]))
 
     def read_exactly(self, payloads: Sequence[bytes]) -> dict[str, Any] | None:
         """Return the columns, if all rows are of one layout, and none has a null."""
@@ -68,15 +62,13 @@ class CborColumnReader:
             return None
         return columns.arrays
 
-    def _layout(
-        self, size: int, data: Bytes, count: int, payload: bytes
-    ) -> tuple[Layout | None, npt.NDArray[np.bool_]]:
+    def _layout(self, size: int, data: Bytes, count: int) -> tuple[Layout | None, npt.NDArray[np.bool_]]:
         """Return the layout of most rows of a size, and which rows are of it."""
         starts = np.arange(count, dtype=np.intp) * size
-        known = self._layouts.get(size)
-        fits = np.zeros(count, np.bool_) if known is None else known.fits(data, starts)
-        if known is not None and np.count_nonzero(fits) > _MOST_LEFT * count:
-            return known, fits
+        latest = self._layouts.get(size)
+        fits = np.zeros(count, np.bool_) if latest is None else latest.fits(data, starts)
+        if latest is not None and np.count_nonzero(fits) > _MOST_LEFT * count:
+            return latest, fits
         try:
             new = self._layouts[size] = Layout(data[:size].tobytes())
         except ValueError:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from ..errors import EncodingError
 from ..mcap.records import Channel, Schema
-from . import registry
+from . import codec_table
 from .codec import MessageCodec
 from .decoding import DEFAULT, Decoding
 from .encoded_channel import Decoder, EncodedChannel
@@ -41,7 +41,7 @@ def decoder(
     schema = encoded.schema
     described = f" has messages in the encoding {channel.message_encoding!r} with a schema in {schema.encoding!r}"
     try:
-        codec = registry.find(channel.message_encoding)
+        codec = codec_table.find(channel.message_encoding)
     except EncodingError as error:
         return encoded.give_up(f"{described}: {error}")
     try:
@@ -57,6 +57,6 @@ def decoder(
 def codec_of(channel: Channel) -> MessageCodec | None:
     """Return the codec of a channel's messages; None if there is none, or its package is not installed."""
     try:
-        return registry.find(channel.message_encoding)
+        return codec_table.find(channel.message_encoding)
     except EncodingError:
         return None

@@ -63,7 +63,7 @@ class JsonCodec(Codec):
 
     def forms(self) -> BlockForms:
         """Return what learns the shapes of rows by their skeletons."""
-        from .json_skeleton import JsonForms  # numpy, which no appending thread waits for
+        from .json_forms import JsonForms  # numpy, which no appending thread waits for
 
         return JsonForms()
 

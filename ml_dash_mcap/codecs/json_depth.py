@@ -27,13 +27,13 @@ def is_within(payload: bytes, most: int) -> bool:
 
 def are_within(payloads: Sequence[bytes], most: int) -> bool:
     """Whether that is so for all of some payloads; faster than one by one."""
-    large = [one for one in payloads if len(one) > _LARGE_BYTES]
+    large = [payload for payload in payloads if len(payload) > _LARGE_BYTES]
     if large:  # nothing is gained by joining them, and memory is lost
-        rest = [one for one in payloads if len(one) <= _LARGE_BYTES]
-        return all(is_within(one, most) for one in large) and are_within(rest, most)
+        rest = [payload for payload in payloads if len(payload) <= _LARGE_BYTES]
+        return all(is_within(payload, most) for payload in large) and are_within(rest, most)
     text = np.frombuffer(b"".join(payloads), np.uint8)
     is_opening = (text | 0x20) == ord("{")  # the bit in which "[" differs from "{"
     if np.count_nonzero(is_opening) <= most:
         return True
-    counts = np.diff(np.searchsorted(np.flatnonzero(is_opening), np.cumsum([len(one) for one in payloads])), prepend=0)
+    counts = np.diff(np.searchsorted(np.flatnonzero(is_opening), np.cumsum(list(map(len, payloads)))), prepend=0)
     return all(is_within(payloads[at], most) for at in np.flatnonzero(counts > most).tolist())

@@ -73,13 +73,15 @@ def _look_like_dicts(payloads: Sequence[bytes]) -> bool:
     """
     if all(payloads) and {*map(_FIRST, payloads)} == _BEGIN and {*map(_LAST, payloads)} == _END:
         return True
-    return all(one.startswith(b"{") and one.endswith(b"}") for one in map(bytes.strip, payloads))
+    return all(text.startswith(b"{") and text.endswith(b"}") for text in map(bytes.strip, payloads))
 
 
 def _are_shallow(payloads: Sequence[bytes]) -> bool:
     if max(map(len, payloads)) < _SURELY_SHALLOW_BYTES:
         return True
-    return json_depth.are_within([one for one in payloads if len(one) >= _SURELY_SHALLOW_BYTES], _MOST_DEPTH)
+    return json_depth.are_within(
+        [payload for payload in payloads if len(payload) >= _SURELY_SHALLOW_BYTES], _MOST_DEPTH
+    )
 
 
 def _is_utf8(text: bytes) -> bool:
@@ -108,7 +110,7 @@ class LineReader:
         """For each column, the keys of a row that it may lie under."""
         self._wanted = None if columns is None else list(dict.fromkeys(chain([TIME_KEY], *self._places)))
         self._shapes: dict[str, Shape] = {}
-        self._known: Types = {}
+        self._types: Types = {}
         """The shapes of the values of the lines so far by key, and the types of these."""
 
     def read(self, lines: Lines) -> dict[str, pa.Array] | None:
@@ -116,7 +118,7 @@ class LineReader:
 
         Rows with the side key are such ones.
         """
-        if not self._known:
+        if not self._types:
             self._learn(_some_rows(lines.payloads))
         flat = self._expected(lines)
         return self._learned(lines) if flat is None and _EXACT not in lines.text else flat
@@ -127,13 +129,13 @@ class LineReader:
         Returns:
             None if something else is there, or if a key that seems to be there may not be.
         """
-        names = list(self._known) if self._wanted is None else self._wanted
+        names = list(self._types) if self._wanted is None else self._wanted
         first = _first_row(lines)
-        types = {name: self._known.get(name) for name in _present(names, first, lines.text)}
-        known = {name: type_ for name, type_ in types.items() if type_ is not None}
-        if not known or len(known) < len(types) or not self._are_sure(known):
+        types = {name: self._types.get(name) for name in _present(names, first, lines.text)}
+        expected = {name: type_ for name, type_ in types.items() if type_ is not None}
+        if not expected or len(expected) < len(types) or not self._are_sure(expected):
             return None
-        flat = self._flat(lines, known, are_own=False)
+        flat = self._flat(lines, expected, are_own=False)
         if flat is None or not _has_all(first, [name for name, array in flat.items() if pa.types.is_null(array.type)]):
             return None
         return flat
@@ -160,7 +162,7 @@ class LineReader:
         shapes = json_line_types.shapes_of(rows, self._wanted)
         joined = {name: json_line_types.widened(self._shapes.get(name), shapes[name]) for name in shapes}
         self._shapes = {**self._shapes, **joined}
-        self._known = json_line_types.types_of(self._shapes)
+        self._types = json_line_types.types_of(self._shapes)
         return json_line_types.types_of(shapes)
 
     def _is_ambiguous(self, types: Mapping[str, pa.DataType]) -> bool:

@@ -17,8 +17,6 @@ import numpy as np
 import numpy.typing as npt
 import orjson
 
-from ..mcap.message_records import MESSAGE_HEAD_BYTES
-from ..mcap.row_arrays import Rows, by_channel
 from ..rows.encode import EXACT_KEY
 from ..rows.json_text import restore_kinds
 from ..rows.schema import TopicShape, has_only_integers
@@ -84,7 +82,7 @@ class Skeletons:
         """A skeleton that was seen lately, and its form."""
         self.size = 0
         """How much is remembered, in bytes, about."""
-        self._known: dict[bytes, int] = {}
+        self._form_of_skeleton: dict[bytes, int] = {}
         self._numbers: dict[Form, int] = {}
         self._long = 0
 
@@ -101,7 +99,7 @@ class Skeletons:
 
     def forget(self) -> None:
         """Forget all but the shape."""
-        self.forms, self._known, self._numbers = [], {}, {}
+        self.forms, self._form_of_skeleton, self._numbers = [], {}, {}
         self.latest = None
         self.size = self._long = 0
 
@@ -127,8 +125,8 @@ class Skeletons:
     def _learn_huge(self, payload: bytes) -> None:
         """Widen the shape by the fields of a row, but leave those that are lists and dicts out of the schema."""
         row = restore_kinds(orjson.loads(json_outline.of(payload)))
-        known = {name: Opaque() if isinstance(value, (list, dict)) else value for name, value in row.items()}
-        self._rows.add(of_value(known, is_coarse=True))
+        values = {name: Opaque() if isinstance(value, (list, dict)) else value for name, value in row.items()}
+        self._rows.add(of_value(values, is_coarse=True))
 
     def classify(self, bones: Bones, rows: Offsets) -> npt.NDArray[np.int32]:
         """Find the form of each row, learning the new ones.
@@ -174,7 +172,7 @@ class Skeletons:
 
     def _form_of(self, bones: Bones, row: int, skeleton: bytes) -> int:
         """Return the form of one row, from what is known of its skeleton or by decoding it."""
-        form = self._known.get(skeleton)
+        form = self._form_of_skeleton.get(skeleton)
         if form is None or (self.forms[form].integers and bones.has_exponent(np.array([row]))[0]):
             form = self.learn(bones.payload(row), skeleton)
             if form == UNKNOWN_FORM or not self.forms[form].certain or not self._remember(skeleton, form):
@@ -184,13 +182,13 @@ class Skeletons:
 
     def _remember(self, skeleton: bytes, form: int) -> bool:
         """Remember a skeleton, unless too many long ones are; returns whether it is."""
-        if skeleton not in self._known:
+        if skeleton not in self._form_of_skeleton:
             if len(skeleton) >= _LONG:
                 self._long += 1
                 if self._long > _MOST_LONG:
                     return False
             self.size += len(skeleton) + _FORM_BYTES
-        self._known[skeleton] = form
+        self._form_of_skeleton[skeleton] = form
         return True
 
 
@@ -223,57 +221,6 @@ def guess(
     for number, (_, form) in latest.items():
         forms[number] = form
     return forms[channels]
-
-
-class JsonForms:
-    """The forms of the rows of all topics that are recorded in JSON."""
-
-    def __init__(self) -> None:
-        self._skeletons: dict[int, Skeletons] = {}
-
-    @property
-    def size(self) -> int:
-        """How much is remembered, in bytes, about."""
-        return sum([skeletons.size for skeletons in self._skeletons.values()])
-
-    def begin_block(self) -> None:
-        """Begin a block."""
-        for skeletons in self._skeletons.values():
-            skeletons.begin_block()
-
-    def forget(self) -> None:
-        """Forget all but the shapes."""
-        for skeletons in self._skeletons.values():
-            skeletons.forget()
-
-    def learn(self, channel: int, payload: bytes) -> int:
-        """Widen a topic's shape by one row; returns the row's form."""
-        return self._of(channel).learn(payload)
-
-    def of_rows(self, rows: Rows) -> npt.NDArray[np.int32]:
-        """Return the forms of rows, none of them a long one: its skeleton would take many times its memory."""
-        bones = Bones(rows.data, rows.starts + MESSAGE_HEAD_BYTES, rows.ends, MESSAGE_HEAD_BYTES)
-        forms = guess(bones, rows.channels, self._skeletons)
-        if forms is None:
-            forms = np.full(len(rows), UNKNOWN_FORM, np.int32)
-            for channel, which in by_channel(rows):
-                forms[which] = self._of(channel).classify(bones, which)
-        return forms
-
-    def shape_of(self, channel: int) -> Shape | None:
-        """Return the shape of a topic's rows so far."""
-        skeletons = self._skeletons.get(channel)
-        return None if skeletons is None else skeletons.shape
-
-    def keys_of(self, channel: int, form: int) -> frozenset[str]:
-        """Return the top-level keys of a topic's form."""
-        return self._skeletons[channel].forms[form].keys
-
-    def _of(self, channel: int) -> Skeletons:
-        skeletons = self._skeletons.get(channel)
-        if skeletons is None:
-            skeletons = self._skeletons[channel] = Skeletons()
-        return skeletons
 
 
 class Bones:

@@ -82,12 +82,12 @@ class _Rows:
     """What converts each kind of message; messages may have each other in them."""
 
     def __init__(self) -> None:
-        self._known: dict[str, Convert] = {}
+        self._converters: dict[str, Convert] = {}
 
     def of(self, descriptor: Descriptor) -> Convert:
-        known = self._known.get(descriptor.full_name)
-        if known is not None:
-            return known
+        converter = self._converters.get(descriptor.full_name)
+        if converter is not None:
+            return converter
         fields: list[tuple[str, bool, Convert | None]] = []
 
         def convert(message: Message) -> Row:
@@ -99,8 +99,8 @@ class _Rows:
                 row[name] = value if convert_value is None else convert_value(value)
             return row
 
-        self._known[descriptor.full_name] = convert
-        fields += [(one.name, one.has_presence, self._of_field(one)) for one in descriptor.fields]
+        self._converters[descriptor.full_name] = convert
+        fields += [(field.name, field.has_presence, self._of_field(field)) for field in descriptor.fields]
         return convert
 
     def _of_field(self, field: FieldDescriptor) -> Convert | None:

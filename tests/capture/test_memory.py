@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from ml_dash_mcap.capture import prepare_block, row_forms, segment_sink
-from ml_dash_mcap.codecs import json_skeleton
+from ml_dash_mcap.codecs import json_forms, json_skeleton
 from ml_dash_mcap.codecs.json_skeleton import Skeletons
 from ml_dash_mcap.rows import schema
 from tests.support import disk
@@ -268,7 +268,7 @@ def raises(error: Exception) -> Callable[..., Any]:
 
 
 FAILURES = {
-    "telling the forms of a block's rows": (json_skeleton, "guess"),
+    "telling the forms of a block's rows": (json_forms, "guess"),
     "merging the rows of a block": (row_forms.RowForms, "keys_of"),
     "compressing a chunk": (segment_sink, "compressor"),
 }

@@ -22,7 +22,7 @@ from mcap.writer import Writer
 from pyarrow import parquet
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
-from ml_dash_mcap.codecs import registry
+from ml_dash_mcap.codecs import codec_table
 from ml_dash_mcap.codecs.cbor import CODEC, decode
 from ml_dash_mcap.errors import DamagedFileError, EncodingError, OptionError, UndecodedWarning
 from tests.support import disk
@@ -242,7 +242,7 @@ def without_package(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     """Take the package away, as where the extra is not installed."""
 
     def take_away() -> None:
-        registry._load.cache_clear()
+        codec_table._load.cache_clear()
         monkeypatch.setitem(sys.modules, "cbor2", None)
         monkeypatch.delitem(sys.modules, "ml_dash_mcap.codecs.cbor")
 
@@ -261,8 +261,8 @@ def test_without_the_package_rows_are_recovered_and_carried_as_bytes(
     with pytest.raises(OptionError, match=r"needs the package cbor2.*ml-dash-mcap\[cbor\]"):
         Recorder(tmp_path / "new", RecorderOptions(encoding="cbor"))
     with pytest.raises(EncodingError, match="cbor2"):
-        registry.find("cbor")
+        codec_table.find("cbor")
     monkeypatch.undo()
-    registry._load.cache_clear()
+    codec_table._load.cache_clear()
     with Recording(tmp_path / "run") as recording:
         assert list(recording["arm"].rows()) == [{"n": n, "q": [0.5], "_ts": float(n)} for n in range(10)]

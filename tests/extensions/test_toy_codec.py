@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording
+from ml_dash_mcap.codecs import codec_table
 from ml_dash_mcap.codecs import json as json_codec
-from ml_dash_mcap.codecs import registry
 from ml_dash_mcap.codecs.codec import UNKNOWN_FORM, Codec
 from ml_dash_mcap.codecs.encoded_channel import Decoder, EncodedChannel, Row
 from ml_dash_mcap.errors import OptionError, TopicError, UndecodedWarning
@@ -124,7 +124,7 @@ CODEC: Any = ToyCodec()
 @pytest.fixture
 def toys(monkeypatch: pytest.MonkeyPatch) -> None:
     """Add the encoding: a line in the table."""
-    monkeypatch.setitem(registry.CODECS, ENCODING, __name__)
+    monkeypatch.setitem(codec_table.CODECS, ENCODING, __name__)
 
 
 @pytest.mark.usefixtures("toys")
@@ -157,10 +157,10 @@ def test_a_toy_encoding_is_recorded_merged_read_and_exported(tmp_path: Path) -> 
 
 
 def test_an_encoding_that_nobody_knows_is_carried_as_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(registry.CODECS, ENCODING, __name__)
+    monkeypatch.setitem(codec_table.CODECS, ENCODING, __name__)
     with Recorder(tmp_path, RecorderOptions(encoding=ENCODING)) as recorder:
         recorder.topic("arm").append(n=1, _ts=1.0)
-    monkeypatch.delitem(registry.CODECS, ENCODING)
+    monkeypatch.delitem(codec_table.CODECS, ENCODING)
     with Recording(tmp_path) as recording, pytest.warns(UndecodedWarning, match="encoding 'toy'"):
         assert list(recording["arm"].rows()) == [{"data": encoded({"n": 1, "_ts": 1.0}), "_ts": 1.0}]
 
@@ -232,7 +232,7 @@ def test_a_codec_that_fails_loses_no_row_and_leaves_the_writer_alive(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, error: BaseException
 ) -> None:
     codec = Failing(method, error)
-    monkeypatch.setattr(registry, "find", lambda encoding: codec)
+    monkeypatch.setattr(codec_table, "find", lambda encoding: codec)
     with Experiment("a/b", root=tmp_path, options=RecorderOptions(flush_interval_s=60)).run as exp:
         exp.log("before the first row of a track")
         arm = exp.tracks("arm")
@@ -264,7 +264,7 @@ def test_a_codec_that_cannot_encode_a_row_tells_whoever_appends_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
 ) -> None:
     codec = Failing(method, ValueError("odd"))
-    monkeypatch.setattr(registry, "find", lambda encoding: codec)
+    monkeypatch.setattr(codec_table, "find", lambda encoding: codec)
     with Recorder(tmp_path) as recorder:
         arm = recorder.topic("arm").append(n=1, _ts=1.0)
         if method == "encode_exactly":
