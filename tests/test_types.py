@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -156,6 +158,18 @@ def check(folder: Path, program: str) -> str:
 def test_reads_have_exact_types(tmp_path: Path) -> None:
     said = check(tmp_path, PROGRAM)
     assert said.startswith("Success"), said
+
+
+@pytest.mark.skipif(find_spec("pyright") is None, reason="pyright is not installed")
+def test_pyright_agrees(tmp_path: Path) -> None:
+    for name, text in STUBS.items():
+        (tmp_path / "typings" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "typings" / name).write_text(text)
+    (tmp_path / "program.py").write_text(PROGRAM)
+    (tmp_path / "pyrightconfig.json").write_text(json.dumps({"extraPaths": [str(ROOT)], "stubPath": "typings"}))
+    command = [sys.executable, "-m", "pyright", "--pythonpath", sys.executable, "program.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=110)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_a_type_checker_finds_misspelt_options(tmp_path: Path) -> None:
