@@ -15,6 +15,9 @@ from .encoded_channel import Decoder
 from .ros import arrow_columns
 from .ros.message_decoder import MessageDecoder
 
+LEAST_MESSAGES = 32
+"""Fewer are as fast to read one by one: by columns, the first costs 0.3 to 0.5 ms, and the others next to nothing."""
+
 
 class RosColumnReader:
     """Reads blocks of messages field by field."""
@@ -32,11 +35,11 @@ class RosColumnReader:
     def read(self, payloads: Sequence[bytes]) -> Columns | None:
         """Return the columns of messages; None if they have to be decoded one by one.
 
-        That is so for messages that are not what their definition says, for what Arrow has no type for, and for few
-        messages with long lists, which are faster to read one by one.
+        That is so for few messages, also for some more with long lists, which are faster to read one by one; for
+        messages that are not what their definition says; and for what Arrow has no type for.
         """
         decode = self._decoder()
-        if not payloads or not isinstance(decode, MessageDecoder):
+        if len(payloads) < LEAST_MESSAGES or not isinstance(decode, MessageDecoder):
             return None
         try:
             nested = arrow_columns.read(decode.definitions, list(payloads), is_ros1=decode.is_ros1)

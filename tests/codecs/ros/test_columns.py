@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ml_dash_mcap import Recording
 from ml_dash_mcap.codecs.ros.message_decoder import MessageDecoder, decoder
-from ml_dash_mcap.codecs.ros_columns import RosColumnReader
+from ml_dash_mcap.codecs.ros_columns import LEAST_MESSAGES, RosColumnReader
 from ml_dash_mcap.errors import UndecodedWarning
 from ml_dash_mcap.rows.dotted import flatten
 from ml_dash_mcap.rows.field_choice import project
@@ -35,12 +35,13 @@ def cases(draw: st.DrawFn, least: int = 1) -> tuple[ros_messages.Messages, list[
 
 
 def columns_of(decode: MessageDecoder, payloads: list[bytes]) -> Block | None:
+    payloads = payloads * LEAST_MESSAGES
     columns = RosColumnReader(lambda: decode, None).read(payloads)
     return columns and Block(len(payloads), {name: Column(array) for name, array in columns.arrays.items()})
 
 
 def columns_of_rows(rows: list[dict[str, Any]]) -> Block:
-    block = block_of([flatten({"_ts": 0.0, **row}, "_ts") for row in rows])
+    block = block_of([flatten({"_ts": 0.0, **row}, "_ts") for row in rows * LEAST_MESSAGES])
     return Block(block.count, {name: column for name, column in block.columns.items() if name != "_ts"})
 
 
@@ -244,14 +245,21 @@ def test_the_columns_of_a_topic_are_those_of_its_rows(tmp_path: Path, columns: l
 
 
 def test_a_message_that_is_not_what_its_type_says_costs_the_others_nothing(tmp_path: Path) -> None:
-    payloads = joint_states(5)
+    payloads = joint_states(100)
     payloads[2] = payloads[2][:-3]
     with Recording(write(tmp_path / "a.mcap", payloads)) as recording:
         with pytest.warns(UndecodedWarning, match="no p/msg/Joints") as warned:
             table = recording["/joints"].to_arrow()
         assert len(warned) == 1
-    assert table["_data"].to_pylist() == [None, None, payloads[2], None, None]
-    assert table["position"].to_pylist() == [[0.0, 1.5], [0.5, 1.5], None, [1.5, 1.5], [2.0, 1.5]]
+    assert table["_data"].to_pylist() == [None, None, payloads[2], *[None] * 97]
+    assert table["position"].to_pylist() == [[0.5 * at, 1.5] if at != 2 else None for at in range(100)]
+
+
+def test_few_messages_are_left_to_rows() -> None:
+    decode = decoder("pkg/msg/Outer", "ros2msg", "uint32 x")
+    payloads = [b"\0\1\0\0\1\0\0\0"] * LEAST_MESSAGES
+    assert RosColumnReader(lambda: decode, None).read(payloads) is not None
+    assert RosColumnReader(lambda: decode, None).read(payloads[1:]) is None
 
 
 IDL = """module pkg { module msg {
