@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from array import array
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
@@ -20,6 +21,9 @@ from .records import Chunk, Opcode
 _KEPT_CHUNKS = 4
 _KEPT_BYTES = 32 * 1024 * 1024
 """Unpacked chunks that are kept for the next reader: so many at most, and no more bytes than this."""
+
+_KEPT_EDGES = 1 << 20
+"""So many places of message indexes are kept sorted: whoever lists all topics asks for those of each chunk again."""
 
 _HEAD_BYTES = 4096
 
@@ -53,8 +57,10 @@ class FileChunks:
         self._kept: OrderedDict[_Key, bytes] = OrderedDict()
         self._scanned: dict[_Key, Mapping[int, MessageIndex]] = {}
         """The message indexes of kept chunks, made by scanning their records."""
-        self._edges: dict[int, tuple[Chunk, list[int]]] = {}
+        self._edges: dict[int, tuple[Chunk, array[int]]] = {}
         """By identity, the chunks that were asked for last, and where the message indexes of each start, sorted."""
+        self._edge_count = 0
+        """How many places `_edges` has."""
         self._latest: tuple[Chunk, MessageIndex] | None = None
         """The message index that was read last, with its chunk: a reader that looks up a time often reads it next."""
 
@@ -166,6 +172,7 @@ class FileChunks:
         with self._kept_lock:
             self._kept.clear()
             self._latest = None
+            self._edges.clear()
             self._partial.clear()
             self._scanned.clear()
 
@@ -210,9 +217,11 @@ class FileChunks:
         """Return how long a message index can be at most: none reaches into the next one."""
         kept = self._edges.get(id(chunk))
         if kept is None:
-            if len(self._edges) >= _KEPT_CHUNKS:
+            self._edge_count += len(chunk.message_index_offsets)
+            if self._edge_count > _KEPT_EDGES:
                 self._edges.clear()
-            kept = self._edges[id(chunk)] = chunk, sorted(chunk.message_index_offsets.values())
+                self._edge_count = len(chunk.message_index_offsets)
+            kept = self._edges[id(chunk)] = chunk, array("Q", sorted(chunk.message_index_offsets.values()))
         edges = kept[1]
         after = bisect_right(edges, offset)
         return (edges[after] if after < len(edges) else chunk.indexes_end) - offset
