@@ -68,9 +68,10 @@ class RecordedTopics(Mapping[str, TopicReader]):
 
     def __contains__(self, topic: object) -> bool:
         """Whether there is such a topic."""
-        if topic in self._channel_names():
+        files = self._opened()
+        if any(topic in file.glance.channels_by_topic for file in files):
             return True
-        verified = [file.verify() for file in self._opened()]  # a damaged summary may have misspelt it
+        verified = [file.verify() for file in files]  # a damaged summary may have misspelt it
         return any(verified) and topic in self._channel_names()
 
     @overload
