@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from . import shape
+from .encode import has_lone_surrogates
 from .shape import NOTHING, ONLY_NULL, Shape, of_dicts, of_integers, of_lists, scalar
 
 _NUMPY_TYPES = {
@@ -137,8 +138,8 @@ def _number_type(numbers: Shape) -> pa.DataType | None:
 
 
 def _struct_type(dicts: Shape, has_nulls: bool) -> pa.DataType | None:
-    """Return the type of dicts, None unless all have the same keys, one at least."""
-    if dicts.optional or not dicts.fields:
+    """Return the type of dicts, None unless all have the same keys, one at least, which Arrow can spell."""
+    if dicts.optional or not dicts.fields or any(map(has_lone_surrogates, dicts.fields)):
         return None
     types = {name: type_of(values, is_in_null=has_nulls) for name, values in dicts.fields.items()}
     return None if None in types.values() else pa.struct(list(types.items()))
