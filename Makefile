@@ -24,11 +24,13 @@ demo: $(VENV)/demo  ## record a Franka arm at 1 kHz, read it back, plot it
 
 test: lint unit  ## everything that CI checks
 
-lint: $(VENV)/dev  ## style, format, types, import directions
+lint: $(VENV)/dev  ## style, format, types, import directions, sizes and names
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python tools/check_imports.py
+	$(BIN)/python tools/check_house.py
+	$(BIN)/python tools/list_rooms.py --check
 
 unit: $(VENV)/dev  ## the tests, side by side on all cores
 	$(BIN)/python -m pytest -n auto --dist worksteal

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import inspect
 import re
 from dataclasses import fields
@@ -13,7 +12,7 @@ from typing import Any
 import pytest
 
 import ml_dash_mcap
-from ml_dash_mcap import errors, file_names, options
+from ml_dash_mcap import errors, options
 from ml_dash_mcap.inspect.findings import Occurrence
 from ml_dash_mcap.inspect.row_spacing import Spacings
 from ml_dash_mcap.options import RecorderOptions
@@ -193,39 +192,6 @@ def test_the_reference_has_every_error() -> None:
     tree = [found for found in vars(errors).values() if inspect.isclass(found) and found.__module__ == errors.__name__]
     mentioned = names_in(text_of(DOCS / "reference.md"))
     assert {error.__name__ for error in tree} <= mentioned
-
-
-# The architecture
-
-
-def test_the_floor_plan_is_that_of_the_import_check() -> None:
-    tools = importlib.util.spec_from_file_location("check_imports", ROOT / "tools/check_imports.py")
-    assert tools is not None
-    assert tools.loader is not None
-    check_imports = importlib.util.module_from_spec(tools)
-    tools.loader.exec_module(check_imports)
-    plan = re.search(r"^floor\n(.*?)^```", text_of(DOCS / "architecture.md"), re.MULTILINE | re.DOTALL)
-    assert plan is not None
-    drawn = {}
-    for line in plan[1].splitlines():
-        number, rooms = re.match(r" +(\d+) +((?:\w+ {1,12})*\w+)", line).groups()  # type: ignore[union-attr]
-        drawn[int(number)] = set(rooms.split())
-    assert drawn == dict(enumerate(check_imports.FLOORS, start=1))
-
-
-def test_the_architecture_names_every_module_of_its_rooms() -> None:
-    page = text_of(DOCS / "architecture.md")
-    for room in ("rows", "write", "read"):
-        modules = {path.stem for path in (ROOT / "ml_dash_mcap" / room).glob("*.py")} - {"__init__"}
-        assert modules <= names_in(page), room
-
-
-def test_the_architecture_names_every_metadata_record_and_own_topic() -> None:
-    page = text_of(DOCS / "architecture.md")
-    for name, text in vars(file_names).items():
-        is_own = name.endswith(("_TOPIC", "_TOPICS")) and name != "OWN_TOPICS"
-        if is_own or name.endswith("_RECORD") or name == "ACTIVE_SUFFIX":
-            assert text in page, name
 
 
 # The pages
