@@ -250,7 +250,8 @@ def test_a_topic_keeps_its_recorder_alive(tmp_path: Path) -> None:
     topic.append(n=1, _ts=1.0).flush()
     with Recording(tmp_path) as recording:
         assert list(recording["arm"]) == [{"n": 1, "_ts": 1.0}]
-    topic._recorder.close()
+    (recorder,) = (each for each in gc.get_objects() if isinstance(each, Recorder) and each.path == tmp_path)
+    recorder.close()
     assert rows_of(tmp_path) == {"arm": [{"n": 1, "_ts": 1.0}]}
 
 
