@@ -40,8 +40,8 @@ def to_nanoseconds_each(seconds: npt.NDArray[np.float64]) -> npt.NDArray[np.uint
     """
     whole = seconds.astype("uint64")
     part = (seconds - whole) * 1e9 + 0.5
-    found: npt.NDArray[np.uint64] = whole * whole.dtype.type(NS_PER_S) + part.astype("uint64")
-    return found
+    nanoseconds: npt.NDArray[np.uint64] = whole * whole.dtype.type(NS_PER_S) + part.astype("uint64")
+    return nanoseconds
 
 
 def to_seconds(nanoseconds: int) -> float:
