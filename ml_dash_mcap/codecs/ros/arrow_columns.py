@@ -1,4 +1,4 @@
-"""Columns of messages as Arrow arrays, in the types that `rows.table` gives the rows that the messages are."""
+"""Turns columns of messages into Arrow arrays, in the types that `rows.table` gives the rows of these messages."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from .message_types import Array, Basic, Definitions, Named, Type, numbers_in
 from .unpack import unpack
 
 _LARGE_BYTES = 256
-"""Longer values, such as images, are copied one by one, for which no index of every byte is needed."""
+"""From so many bytes on average on, as with images, values are copied in a loop. Shorter ones are copied with an index
+of every byte, which takes 8 bytes of memory for each."""
 
 _MOST_BYTES = 2**31 - 1
-"""Of all texts of a column together, whose places Arrow counts in 32 bits."""
+"""The most bytes that all texts of a column may have together, because Arrow counts their places in signed 32 bits."""
 
 _MOST_INTEGER = 2**63 - 1
 
@@ -66,8 +67,11 @@ def _array(definitions: Definitions, type_: Type, column: Column) -> pa.Array:
 def _numbers(type_: Basic, values: npt.NDArray[Any]) -> pa.Array:
     """Return numbers in the types that Python's have: whole ones in 64 bits, fractions as doubles."""
     if type_.name == "bool":
+        # Some senders write other bytes than 1 for true; `struct`, which reads the rows, takes every byte but 0 for
+        # true.
         return pa.array(values != 0)
     if type_.name == "int8":
+        # Lists of one-byte items arrive as plain bytes, without their sign.
         values = values.view(np.int8)
     if values.dtype.kind == "f":
         return zero_copy.to_arrow(np.ascontiguousarray(values, np.float64))
@@ -91,6 +95,7 @@ def _list(definitions: Definitions, type_: Array, column: Column) -> pa.Array:
     total = int(lengths.sum())
     if not total:
         return _lists(pa.nulls(0), lengths)
+    # Items that lie behind each other are used as they are; only others are gathered, which copies.
     is_whole = int(starts[0]) == 0 and bool((starts[1:] == (starts + lengths)[:-1]).all())
     is_whole = is_whole and count(column.items) == total
     items = column.items if is_whole else pick(column.items, ranges(starts, lengths))

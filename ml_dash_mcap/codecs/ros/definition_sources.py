@@ -1,4 +1,4 @@
-"""Definitions that a recording lacks: given by the caller, or those of ROS itself."""
+"""Looks up definitions that a recording lacks: those that the caller gave, or those of ROS itself."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Finder:
         self._given = dict(supply.given)
         self._root = canonical(root)
         self.guesses: list[str] = []
-        """What was taken for likely, in words."""
+        """Assumptions that were made, in words."""
         self.borrowed: list[str] = []
         """Messages that were found in ROS itself."""
         self.why = ""
@@ -93,7 +93,9 @@ def _given(texts: Mapping[str, str], name: str) -> str | None:
 
 
 def settled(name: str, text: str, supply: Supply) -> Supply:
-    """Return a supply from which a definition, completed, has the hash that the channel says; without that hash.
+    """Return the supply whose messages give the completed definition the hash that the channel states.
+
+    The supply that is returned has no hash any more, because it has been checked.
 
     Args:
         name: Of the message.
@@ -115,6 +117,7 @@ def settled(name: str, text: str, supply: Supply) -> Supply:
         digest = standard_types.digest_of_others(name, whole, is_ros1=supply.is_ros1)
         if digest is None:  # which leaves it open
             return replace(supply, digest="")
+        # ROS 1 accepts "*" for every MD5 sum.
         if supply.digest in (digest, "*"):
             return candidate
     borrowed = ", ".join(find.borrowed)

@@ -1,4 +1,4 @@
-"""Message definitions in the .msg language of both ROS generations."""
+"""Parses message definitions in the .msg language of both ROS generations."""
 
 from __future__ import annotations
 
@@ -30,10 +30,12 @@ _SEPARATOR = re.compile(r"={3,}")
 _HEADER = re.compile(r"(?:MSG|SRV|ACTION):\s*(\S+)")
 _PART = "---"
 _BLANKS = " \t\r\v\f\0\ufeff"
-"""What stands at the ends of a line and means nothing; among it what C and Windows put at those of a file."""
+"""Characters without meaning at the ends of a line: blanks, the NUL that C puts at the end of a text, Windows' byte
+order mark."""
 _HEADER_MESSAGE = "std_msgs/Header"
 _NOT_DECODED = frozenset({"wstring"})
-"""Whose bytes depend on the middleware: 2 or 4 a character (https://github.com/ros2/rosidl_python/issues/104)."""
+"""Types that are not decoded. The middleware decides whether a character of a `wstring` has 2 or 4 bytes
+(https://github.com/ros2/rosidl_python/issues/104)."""
 _LINE = re.compile(
     r"""(?P<type>[A-Za-z][A-Za-z0-9_/]*)
         (?:<=[0-9]+)?                             # the bound of a text, which changes nothing on the wire
@@ -141,7 +143,10 @@ def _sections(root: str, text: str) -> dict[str, list[str]]:
 
 
 def _lines(text: str) -> list[str]:
-    """Return the lines of a definition; a comment may have characters that Python takes for the end of one."""
+    """Return the lines of a definition.
+
+    `splitlines` would also split at characters that a comment may have, such as U+2028.
+    """
     return text.split("\n" if "\n" in text else "\r")
 
 
@@ -160,6 +165,7 @@ def _add(texts: dict[str, list[str]], name: str, lines: list[str]) -> None:
     elif name:
         text = "\n".join(lines)
         own = texts.setdefault(name, [])
+        # Recordings repeat the definition of a message that is used twice; only a different one is a contradiction.
         if text not in own:
             own.append(text)
 
@@ -171,7 +177,8 @@ class _Texts:
         self._texts: dict[str, list[str]] = {}
         self._by_last: dict[str, list[str]] = {}
         self._by_short: dict[str, list[str]] = {}
-        """Names of messages by their last part, and by all but what stands between the first and the last."""
+        """Names of messages by their last part (`_by_last`), and by their first and last part together
+        (`_by_short`)."""
         self._unknown: set[str] = set()
         self._add(texts)
         self._is_ros1 = is_ros1
@@ -265,10 +272,14 @@ class _Texts:
         package = message.rpartition("/")[0]
         own = f"{package}/{type_}" if package else type_
         is_header = type_ == "Header"
+        # In ROS 1 a plain `Header` always means std_msgs/Header (http://wiki.ros.org/msg). ROS 2 looks in the own
+        # package first.
         if is_header and self._is_ros1 and self._is_known(_HEADER_MESSAGE):
             return Named(_HEADER_MESSAGE)
         if self._is_known(own):
             return Named(own)
+        # Some recorders leave out the package of a message from another package; a last name that is unique settles
+        # it.
         elsewhere = self._by_last.get(type_, [])
         if len(elsewhere) == 1:
             return Named(elsewhere[0])

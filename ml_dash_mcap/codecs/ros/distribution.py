@@ -1,4 +1,4 @@
-"""Which distribution of ROS 2 a file comes from, for messages that it does not define."""
+"""Finds the distribution of ROS 2 that a file's metadata or folder states, for messages that it does not define."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from . import distros
 from .distros import Likely
 
 CHANNEL_KEY = "ros_distro"
-"""What a channel's metadata may say instead."""
+"""The key of a channel's metadata that may name the distribution."""
 
 _YAML_BYTES = 1024 * 1024
 

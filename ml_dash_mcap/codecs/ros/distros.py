@@ -1,4 +1,4 @@
-"""Which distribution of ROS 2 recorded a bag, for messages that the bag does not define."""
+"""Tells which distribution of ROS 2 probably recorded a bag, for messages that the bag does not define."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 METADATA_FILE = "metadata.yaml"
-"""What rosbag2 says of a bag, in its folder."""
+"""The file in a bag's folder in which rosbag2 describes the bag."""
 
 RECORD = "rosbag2"
-"""The metadata record in which rosbag2 says it in an MCAP file, with these keys:"""
+"""The metadata record of an MCAP file in which rosbag2 describes the bag, with these keys:"""
 DISTRO_KEY, TEXT_KEY = "ROS_DISTRO", "serialized_metadata"
 
 METADATA_KEY = "rosbag2_bagfile_information"
-"""In that file, the key of what it says."""
+"""The key in `metadata.yaml` below which everything else stands."""
 
 NAMES = ("dashing", "eloquent", "foxy", "galactic", "humble", "iron", "jazzy", "kilted", "lyrical")
 """The oldest first."""
@@ -35,6 +35,7 @@ OF_VERSION: Mapping[int, tuple[str, ...]] = {
 _UNKNOWN = "humble"
 """Bags have the definitions of their messages since Iron, so one that lacks them is likely from before."""
 
+# Regular expressions instead of a YAML parser: reading YAML takes long, and broken text must not fail here.
 _DISTRO = re.compile(r"^[ \t]*ros_distro:[ \t]*[\"']?(\w+)", re.MULTILINE)
 _VERSION = re.compile(r"^[ \t]*version:[ \t]*([0-9]{1,3})[ \t]*\r?$", re.MULTILINE)
 
@@ -58,6 +59,7 @@ def likely(name: str | None = None, version: int | None = None) -> Likely:
     stated = (name or "").lower()
     first = (stated,) if stated in NAMES else OF_VERSION.get(version or 0, ())
     at = NAMES.index(first[-1] if first else _UNKNOWN)
+    # The nearest distribution first. Of two equally near ones the newer comes first.
     near = sorted(NAMES, key=lambda distro: (abs(NAMES.index(distro) - at), -NAMES.index(distro)))
     return Likely((*first, *(distro for distro in near if distro not in first)), len(first) or len(NAMES))
 

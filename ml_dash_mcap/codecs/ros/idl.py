@@ -1,4 +1,4 @@
-"""Message definitions in the part of OMG IDL that ROS 2 uses."""
+"""Parses message definitions in the part of OMG IDL that ROS 2 uses."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ from .message_types import (
 
 _SECTION = re.compile(r"^={3,}[ \t]*\r?\n(?:IDL:[^\n]*\n)?|^IDL:[^\n]*\n", re.MULTILINE)
 _TOKEN = re.compile(
+    # An alternative without a name is skipped: blanks, comments, also an unclosed one, and `#include` lines, which
+    # recordings carry.
     r"""\s+ | //[^\n]* | /\*(?:.*?\*/|.*) | ^[ \t]*\#[^\n]*      # nothing
       | (?P<word>[A-Za-z_][A-Za-z0-9_]*)
       | (?P<number>[+-]?\.?[0-9][A-Za-z0-9_.]*)
@@ -58,6 +60,7 @@ _BASIC: Mapping[str, str] = {
 }
 """https://design.ros2.org/articles/idl_interface_definition.html, section "Basic types"."""
 
+# Definitions come from foreign files: this and the limits of 16 below keep a hostile one from nesting without end.
 _MOST_BASES = 100
 _ENUMS = {1: "uint8", 2: "uint16", 4: "uint32"}
 """Bytes of an enumeration, to the number that stands for it."""
@@ -90,7 +93,7 @@ Scope = tuple[str, ...]
 
 
 class _Parser:
-    """Reads tokens one by one; what it finds is in its tables, by scoped name."""
+    """Reads the tokens of a text one by one and keeps the definitions in tables, by scoped name."""
 
     def __init__(self, text: str, find: Find) -> None:
         self._tokens = _tokens(text)
@@ -98,11 +101,11 @@ class _Parser:
         self._token = ""
         self._structs: dict[str, Fields] = {}
         self._by_short: dict[str, list[str]] = {}
-        """Structs by their names without what stands between the first part and the last."""
+        """Structs by their shortened names: the first part and the last one."""
         self._bases: dict[str, str] = {}
-        """Structs to those whose members they have too."""
+        """Structs to the structs that they inherit members from."""
         self.extensibility: dict[str, str] = {}
-        """Structs to what their annotations say of it."""
+        """Structs to the extensibility that their annotations state."""
         self._named: dict[Scope, Type] = {}
         """Typedefs, enums, structs and unions."""
         self._constants: dict[Scope, int] = {}
@@ -171,7 +174,7 @@ class _Parser:
         return self._advance()
 
     def _skip(self, opening: str, closing: str) -> None:
-        """Skip to the mark that closes the one that was just taken."""
+        """Skip to the mark that closes the opening mark just taken."""
         depth = 1
         while depth:
             token = self._advance()
@@ -247,6 +250,7 @@ class _Parser:
 
     def _other(self, kind: str, scope: Scope, annotations: Mapping[str, str]) -> None:
         scoped = (*scope, self._word())
+        # An enumeration has 32 bits unless @bit_bound says otherwise (DDS-XTypes 1.3, section 7.3.1.2.1).
         bits = _integer(annotations.get("bit_bound", "32")) or 0
         size = next((size for size in _ENUMS if bits <= 8 * size), None)
         is_enum = kind == "enum" and size is not None and bits > 0
@@ -263,6 +267,7 @@ class _Parser:
             name = self._advance()
         self._expect("=")
         value = self._advance()
+        # Only plain integers are kept: a constant matters here only as the length of an array.
         if self._token == ";" and (number := _integer(value)) is not None:
             scoped = (*scope, name)
             self._constants[scoped] = number
@@ -321,6 +326,7 @@ class _Parser:
             return number
         name = self._scoped()
         for at in range(len(scope), -1, -1):
+            # IDL looks a name up in the innermost module first and then outwards.
             constant = self._constants.get((*scope[:at], *name))
             if constant is not None:
                 return constant

@@ -1,4 +1,4 @@
-"""The messages that ROS makes of a service or an action, and those that a definition may use without defining them."""
+"""Makes the messages that ROS derives from a service or an action, and knows those that definitions use undefined."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ KNOWN_ROS1: Mapping[str, str] = {
     "time": "uint32 secs\nuint32 nsecs",
     "duration": "int32 secs\nint32 nsecs",
 }
-"""What is built into ROS 1, with the names that its own libraries have for the parts."""
+"""The types that are built into ROS 1. The parts have the names that ROS 1's own libraries use."""
 
 _SERVICE = ("Request", "Response")
 _ACTION = ("Goal", "Result", "Feedback")
@@ -65,7 +65,7 @@ def _named(base: str, suffixes: Sequence[str], sections: Sequence[str]) -> dict[
 
 
 def _event(service: str) -> str:
-    """Return what is sent about a call of a service (https://www.ros.org/reps/rep-2012.html)."""
+    """Return the definition of the message that reports a call of a service (https://www.ros.org/reps/rep-2012.html)."""
     calls = f"{service}_Request[<=1] request\n{service}_Response[<=1] response"
     return f"service_msgs/ServiceEventInfo info\n{calls}"
 

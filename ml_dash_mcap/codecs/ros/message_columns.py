@@ -1,4 +1,4 @@
-"""Many messages as columns: the values of each field of all of them.
+"""Columns of many messages: the values that each field has in all of them.
 
 The column of a type for N messages is
 
@@ -27,7 +27,7 @@ class Ragged(NamedTuple):
     items: Any
     """All their items, as a column; of texts, their bytes, uint8."""
     starts: Indices
-    """Where in `items` each value's begin, [N]."""
+    """Where in `items` the items of each value begin, [N]."""
     lengths: Indices
     """How many items each value has, [N]."""
 
@@ -38,7 +38,7 @@ class Ragged(NamedTuple):
 
 
 class Constant(NamedTuple):
-    """What all messages have."""
+    """A value that all messages share."""
 
     value: Any
     """A number, a text, a list of items, or a dict of fields."""
@@ -81,12 +81,14 @@ def ranges(starts: Indices, lengths: Indices) -> Indices:
     """Return the positions of all items of ragged values, those of one value behind those of the other."""
     ends = np.cumsum(lengths)
     total = int(ends[-1]) if len(ends) else 0
+    # `ends - lengths` is where a value begins in the result, so the repeated difference moves a running number to its
+    # source.
     positions: Indices = np.repeat(starts - ends + lengths, lengths) + np.arange(total)
     return positions
 
 
 def spread(definitions: Definitions, type_: Type, column: Column, count: int) -> Column:
-    """Return a column without Constant on its top."""
+    """Return a column that is no `Constant`: its value is repeated for `count` messages, without copies."""
     if not isinstance(column, Constant):
         return column
     value = column.value

@@ -1,4 +1,4 @@
-"""From a ROS message's bytes to a row."""
+"""Turns the bytes of ROS messages into rows: messages in ROS 1's format and in each CDR that a payload announces."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from .wire import BY_HEAD, CDR, CDR_HEAD_BYTES, CDR_PADDING, DELIMITED, PARAMETE
 
 Row = dict[str, Any]
 Misfit = Callable[[bytes, ValueError], Any]
-"""Takes a payload that is no such message, and why; what it returns is returned for the message."""
+"""Handles a payload that does not match its definition: takes the payload and the error, and returns the row for it."""
 
 _TEXT_CHARACTERS = 4 * 1024 * 1024
-"""How long a definition may be, with all that it needs."""
+"""The longest definition that is parsed, with the definitions that it needs. Schemas of foreign files can be
+hostile."""
 
 _MD5_OF_NOTHING = "d41d8cd98f00b204e9800998ecf8427e"
-"""What ROS 1 calls a message without fields."""
+"""The MD5 sum that ROS 1 gives a message without fields: the sum of an empty text."""
 
 _NOTHING = Supply()
 
@@ -39,9 +40,10 @@ def decoder(
     replaced: Callable[[], object] = lambda: None,
     misfit: Misfit | None = None,
 ) -> MessageDecoder:
-    """Return what turns a message's bytes into a row: nested messages are dicts, `uint8[]` is bytes.
+    """Return a function that turns a message's bytes into a row: nested messages are dicts, `uint8[]` is bytes.
 
-    It raises a `ValueError` for bytes that are no such message. A text that is no UTF-8 gets U+FFFD for what is wrong.
+    The function raises a `ValueError` for bytes that do not match the definition. Bytes of a text that are not UTF-8
+    become U+FFFD.
 
     Args:
         name: What the message is called, such as `sensor_msgs/msg/JointState`.
@@ -117,6 +119,7 @@ class CdrDecoder(MessageDecoder):
     def __call__(self, payload: bytes) -> Any:
         """Return a message's row."""
         try:
+            # Nearly every message starts so: ROS 2 sends little-endian CDR. All other forms take the slower way.
             if payload[:2] != b"\0\1" or self._read_little is None:
                 return self._read_other(payload)
             try:
@@ -144,6 +147,7 @@ class CdrDecoder(MessageDecoder):
         for default in _defaults(self.definitions, head, wire):
             try:
                 row = self._read_as(wire, default, payload)
+                # Texts are compared because a NaN in the rows would not equal itself.
                 if not rows or repr(rows[0]) != repr(row):
                     rows.append(row)
             except (ValueError, struct.error) as error:
@@ -165,9 +169,10 @@ class CdrDecoder(MessageDecoder):
         return row
 
 
+# Each file of a recording repeats its schemas, and a definition takes about 1 ms to prepare (docs/decisions, 0013).
 @functools.lru_cache(maxsize=256)
 def definition(name: str, schema_encoding: str, text: str, supply: Supply = _NOTHING) -> Definitions:
-    """Return what a message is made of, for which there is a reader.
+    """Return the parsed definition of a message that can be read.
 
     The arguments are those of `decoder`.
 
@@ -189,10 +194,13 @@ def definition(name: str, schema_encoding: str, text: str, supply: Supply = _NOT
             described = idl.parse(name, text, is_ros=schema_encoding != "omgidl", find=find)
         else:
             described = definitions.parse(name, text, is_ros1=schema_encoding == "ros1msg", find=find)
+            # The hash covers the messages in the message too, so it tells which distribution they must be taken from.
             if find.borrowed and text_of_recording and supply.digest:
                 return definition(name, schema_encoding, text, settled(name, text, supply))
         described = replace(described, guesses=tuple(find.guesses))
         wire = ROS1 if supply.is_ros1 or schema_encoding == "ros1msg" else CDR
+        # Compiled here so that a definition that cannot be read fails now and not at its first message. Only XCDR2
+        # has optional members.
         _reader(described, replace(wire, is_version_2=True) if described.has_optional() else wire)
     except RecursionError as error:
         raise EncodingError(f"{name} is made of more messages in messages than can be followed") from error
@@ -222,10 +230,10 @@ def _refuse(payload: bytes, why: ValueError) -> Row:
 
 
 def _defaults(definitions: Definitions, head: bytes, wire: Wire) -> Sequence[str]:
-    """Return what messages may be whose definition does not say whether they are appendable.
+    """Return the extensibilities to try for structs whose definition states none.
 
     Raises:
-        ValueError: The message is announced as what its definition says that it is not.
+        ValueError: The payload announces another extensibility than the definition states.
     """
     if not wire.is_version_2:
         return ("final",)

@@ -1,4 +1,4 @@
-"""What a ROS message is made of: the one model for definitions in every language, and for reading and writing."""
+"""The model of a ROS message's type, for definitions in every language, and for reading and writing messages."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ _DTYPES: Mapping[str, np.dtype[Any]] = {
 
 ROS1_ALIASES: Mapping[str, str] = {"byte": "int8", "char": "uint8"}
 ROS2_ALIASES: Mapping[str, str] = {"byte": "uint8", "char": "uint8"}
-"""What the two generations mean by names that say little (http://wiki.ros.org/msg, section "Field Types";
+"""The types that the two generations mean by the names `byte` and `char` (http://wiki.ros.org/msg,
+section "Field Types";
 https://design.ros2.org/articles/legacy_interface_definition.html)."""
 
 PLACEHOLDER = "structure_needs_at_least_one_member"
@@ -72,7 +73,7 @@ class Named:
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """Several of a kind."""
+    """A list or an array of values of one type."""
 
     of: Type
     length: int | None
@@ -88,7 +89,7 @@ class Optional:
 
 @dataclass(frozen=True, slots=True)
 class Undecoded:
-    """What a definition may have, and nobody here decodes."""
+    """A type that definitions may use and that this library does not decode."""
 
     name: str
     """Such as "wstring"."""
@@ -112,10 +113,11 @@ class Definitions:
     has_placeholders: bool = True
     """Whether CDR has a byte for a message without fields, as ROS 2 sends it."""
     guesses: tuple[str, ...] = ()
-    """What was taken for likely when definitions were looked up that the text lacks, in words."""
+    """Assumptions that were made when missing definitions were looked up, in words."""
 
     readers: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
-    """Functions that read it, by what tells them apart, once they are made."""
+    """The compiled functions that read this message, by wire format, default extensibility and handling of bad
+    texts."""
 
     def has_optional(self) -> bool:
         """Whether a field of any message may be absent."""
@@ -139,7 +141,7 @@ def numbers_in(type_: Type) -> Basic | None:
 
 
 def innermost_of(type_: Type) -> Type:
-    """Return what a type is several of."""
+    """Return the type of the innermost items of a list, or the type itself."""
     while isinstance(type_, (Array, Optional)):
         type_ = type_.of
     return type_

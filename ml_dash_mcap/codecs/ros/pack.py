@@ -1,4 +1,4 @@
-"""Many messages at once from columns to bytes, in plain CDR, which ROS 2 sends, or in ROS 1's format.
+"""Serialises many messages at once from columns to bytes, in plain CDR, which ROS 2 sends, or in ROS 1's format.
 
 Where all messages have one size, they are the rows of a matrix of bytes into which whole columns are written;
 otherwise each message has a place of its own in one long array. The walk over the definition is the same for both.
@@ -33,27 +33,29 @@ class Packed(NamedTuple):
     """Bytes of each message, without its room, [N]."""
 
     def slice(self, start: int, end: int) -> Packed:
-        """Return some of the messages, from a number on and before another, without a copy."""
+        """Return the messages from number `start` up to, but without, number `end`, without a copy."""
         first = int(self.starts[start])
         last = int(self.starts[end]) if end < len(self.starts) else len(self.data)
         return Packed(self.data[first:last], self.starts[start:end] - first, self.sizes[start:end])
 
     def messages(self, room: int = 0) -> list[bytes]:
         """Return each message's bytes."""
+        # One copy of everything and slices of `bytes` are cheaper than one slice of an array a message.
         whole = self.data.tobytes()
         ends = (self.starts + self.sizes + room).tolist()
         return [whole[start + room : end] for start, end in zip(self.starts.tolist(), ends, strict=True)]
 
 
 _LARGE_BYTES = 256
-"""Longer values, such as images, are copied one by one, for which no index of every byte is needed."""
+"""From so many bytes on average on, as with images, values are copied in a loop. Shorter ones are copied with an index
+of every byte, which takes 8 bytes of memory for each."""
 
 
 class _PackedValues(NamedTuple):
     """The bytes of one field of all messages, or of some."""
 
     rows: Indices | None
-    """Of which messages; None for all."""
+    """The numbers of the messages that have these bytes; None for all."""
     place: Places
     data: Any
     """The same bytes for all, or [N, size], or Ragged."""
@@ -118,7 +120,7 @@ class _Packer:
         self._add(data, len(data))
 
     def _put_same(self, type_: Type, column: Constant) -> None:
-        """Put what all messages have, by way of one message."""
+        """Put a value that all messages share: it is serialised for one message, and its bytes are used for all."""
         single = _Packer(self.definitions, 1, None, self.place, self.is_ros1)
         single.origin = self.origin
         single.put(type_, column)
@@ -143,6 +145,7 @@ class _Packer:
         if not values.shape[1]:
             return
         self.place = self._aligned(dtype.itemsize)
+        # A stride of 0 comes from `broadcast_to`: all messages share one value, so its bytes need to be made once.
         if values.strides[0] == 0 and self.count:
             self.same(np.ascontiguousarray(values[0], dtype).tobytes())
             return
@@ -160,6 +163,7 @@ class _Packer:
         self._length(column.lengths)
         length = _one(column.lengths)
         if length is None:
+            # CDR pads before the first item, so an empty list has no padding.
             self.place = np.where(column.lengths > 0, self._aligned(dtype.itemsize), self.place)
         elif length:
             self.place = self._aligned(dtype.itemsize)
@@ -212,6 +216,8 @@ class _Packer:
     def _aligned(self, size: int) -> Places:
         if self.is_ros1 or size == 1:
             return self.place
+        # Sizes are powers of two, for which `& -size` rounds down to a multiple. It works for a number and for an
+        # array.
         return ((self.place - self.origin + size - 1) & -size) + self.origin
 
 
@@ -227,6 +233,7 @@ def _block(column: Ragged, length: int) -> Bytes:
     """Return values of one length as a matrix."""
     count = len(column.starts)
     first = int(column.starts[0])
+    # Values that already lie behind each other are a view of the items; only others are gathered, which copies.
     if bool((column.starts == first + np.arange(count) * length).all()):
         block: Bytes = column.items[first : first + count * length].reshape(count, length)
         return block
@@ -236,6 +243,7 @@ def _block(column: Ragged, length: int) -> Bytes:
 
 def _matrix(pieces: list[_PackedValues], count: int, size: int, room: int) -> Packed:
     """Write messages of one size."""
+    # Bytes that are the same in all messages go into one template, which numpy then repeats in a single assignment.
     template = bytearray(size)
     for _, place, data in pieces:
         if isinstance(data, bytes):

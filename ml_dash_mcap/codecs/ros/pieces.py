@@ -1,4 +1,4 @@
-"""Readers of texts and lists, whose length stands before them in each message, in both wire formats."""
+"""Functions that read texts and lists, whose length stands before them, out of a message in either wire format."""
 
 from __future__ import annotations
 
@@ -59,7 +59,10 @@ def elements(read: Callable[[bytes, int], tuple[Any, int]], data: bytes, at: int
 def nothings(
     read: Callable[[bytes, int], tuple[Any, int]], weight: int, data: bytes, at: int, count: int
 ) -> tuple[list[Any], int]:
-    """Read values that take no bytes. A message of a few bytes could claim that it has billions of them."""
+    """Read values that take no bytes.
+
+    Their number is limited, because a message of a few bytes could claim billions.
+    """
     if count * weight > MOST_NOTHINGS:
         raise ValueError(f"a list of {count} values that take no bytes; {MOST_NOTHINGS // weight} at most are read")
     return elements(read, data, at, count)
@@ -103,6 +106,7 @@ def _texts_aligned(unpack: _UnpackFrom, errors: str) -> Callable[[bytes, int, in
             at = start + length
             if at > size or (length and data[at - 1]):
                 text(data, start, length)  # which says what is wrong
+            # An empty text that was sent as no bytes ends before it starts, so the slice is empty, as it should be.
             values.append(data[start : at - 1].decode("utf-8", errors))
         return values, at
 

@@ -1,4 +1,4 @@
-"""Definitions of ROS's own messages, and the hashes by which ROS identifies a type, as rosbags has them."""
+"""Definitions of ROS's own messages, and the hashes by which ROS identifies a type. rosbags supplies both."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class StandardDefinition(NamedTuple):
     """Its definition, followed by those of the messages in it."""
     distro: str
     others: tuple[str, ...]
-    """The distributions that it may as well be of, and that have other fields."""
+    """Other distributions that are just as likely, and whose message of this name has other fields."""
 
 
 def find(name: str, likely: Likely, *, is_ros1: bool = False, digest: str = "") -> StandardDefinition:
@@ -118,10 +118,14 @@ def _rihs(distro: str, full: str) -> str:
 
 @cache
 def _layout(distro: str, full: str) -> Any:
-    """Return what a message is made of, without its constants: the same for two if they have the same bytes."""
+    """Return the types of a message's fields without its constants.
+
+    Two messages of the same layout have the same bytes.
+    """
     types = _distribution(distro)
 
     def described(kind: Any, what: Any) -> Any:
+        # rosbags numbers its kinds of nodes: 1 is a basic type, 2 a message, 3 an array, 4 a sequence.
         if int(kind) == 2:
             return _layout(distro, what)
         return (int(kind), what) if int(kind) == 1 else (int(kind), described(*what[0]), what[1])
@@ -156,6 +160,7 @@ def digest(name: str, text: str, *, is_ros1: bool = False) -> str:
     own.register(get_types_from_msg(text, name))
     if is_ros1:
         time = "builtin_interfaces/msg/Time"
+        # rosbags spells ROS 1's built-in `time` as this message and needs it for the MD5 sum.
         own.register({time: store(is_ros1=True).fielddefs[time]})
         return own.generate_msgdef(name, ros_version=1)[1]
     return own.hash_rihs01(name)

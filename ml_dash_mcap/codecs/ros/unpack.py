@@ -1,4 +1,4 @@
-"""Many messages at once from bytes to columns, in ROS 1's format and in plain CDR.
+"""Reads many messages at once from bytes to columns, in ROS 1's format and in plain CDR.
 
 The walk goes through a definition once and takes each field of all messages with a few calls of numpy. A row at a time
 is the work of `message_reader`, which is faster for few messages and reads what is refused here.
@@ -17,8 +17,9 @@ from .value_sizes import ValueSizes
 from .wire import BY_HEAD, CDR_HEAD_BYTES, CDR_PADDING, ROS1, Wire
 
 _STEPS, _BYTES_A_STEP = 2000, 100
-"""A step is a type that is read of all messages, or of those whose list has another item: some calls of numpy. More of
-them than so many, and one for so many bytes, are refused: a long list in few messages is faster to read row by row."""
+"""A step reads one value of all messages that still have an item, with a few calls of numpy. So many steps are allowed,
+and another for every `_BYTES_A_STEP` bytes. Beyond that, as for a long list in few messages, rows are read faster one
+by one."""
 
 
 def unpack(definitions: Definitions, messages: list[bytes], *, is_ros1: bool = False) -> dict[str, Column]:
@@ -105,6 +106,7 @@ class _Unpacker:
 
     def _array(self, type_: Array) -> Column:
         numbers = numbers_in(type_)
+        # Checked before anything is allocated: a definition from outside may claim an array of billions of items.
         if (type_.length or 0) > len(self.data):
             raise ValueError("a message ends before its array")
         if type_.length is None:
@@ -154,6 +156,7 @@ class _Unpacker:
             self.place = np.where(lengths > 0, self.place, before)
         starts = self.starts + self.place
         self._check(lengths * size)
+        # Bytes stay where they are in the messages: images and point clouds are not copied here.
         if size == 1:
             self._skip(lengths)
             return Ragged(self.data, starts, lengths)
@@ -169,6 +172,8 @@ class _Unpacker:
     # -- texts, messages and lists in lists ----------------------------------------------------------------------------
 
     def _items(self, type_: Type, lengths: Indices) -> Ragged:
+        # Lengths are held against the bytes that are there before memory is asked for; with items of no bytes that
+        # cannot be done.
         least = self._value_sizes.least(type_)
         if not least:
             raise ValueError("lists of values that take no bytes are not read by columns")
@@ -186,6 +191,8 @@ class _Unpacker:
         firsts = np.cumsum(lengths) - lengths
         places = np.broadcast_to(np.asarray(self.place), lengths.shape)
         number = np.arange(int(lengths.sum())) - np.repeat(firsts, lengths)
+        # Padding depends only on the place modulo the widest alignment, so at most 8 tables of offsets serve all
+        # messages.
         residues = (places - self.origin) % self._wire.alignment
         offsets = np.empty(len(number), np.int64)
         ends = np.empty(len(lengths), np.int64)
@@ -289,6 +296,7 @@ def _join(parts: list[Column]) -> Column:
     if not isinstance(first, Ragged):
         return np.concatenate(parts)
     lengths = np.concatenate([part.lengths for part in parts])
+    # Texts and bytes of all parts refer to the same messages; joining their starts is enough.
     if all(part.items is first.items for part in parts):
         return Ragged(first.items, np.concatenate([part.starts for part in parts]), lengths)
     offsets = np.cumsum([0, *(count(part.items) for part in parts)])

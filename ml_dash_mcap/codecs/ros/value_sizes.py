@@ -1,4 +1,4 @@
-"""How many bytes values take, and where several of them lie behind each other."""
+"""Computes how many bytes values take, and at which offsets several of them lie behind each other."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _DEEPEST = 40
 """How deep messages may lie in messages."""
 
 _MOST_ITEMS = 100_000
-"""Of messages in an array of fixed length, for its size to be worked out."""
+"""The longest fixed array of messages whose size is computed in advance."""
 
 _SIZE_BYTES = 4
 """Of the number before a message that begins with its size."""
 
 _MOST_BYTES = 1 << 30
-"""More than these make no difference to what a value takes at least, and would overflow when they are multiplied."""
+"""A least size is cut to this: no message is larger, and products of larger numbers would overflow 64 bits."""
 
 
 class ValueSizes:
@@ -79,6 +79,8 @@ class ValueSizes:
         """
         seen: dict[int, int] = {}
         sizes: list[int] = []
+        # The sizes depend on the residue only, so they repeat from the first residue that comes again, after 8 values
+        # at most.
         while residue not in seen and len(sizes) < count:
             seen[residue] = len(sizes)
             size = self._size(type_, residue, 0)

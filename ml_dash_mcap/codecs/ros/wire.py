@@ -1,4 +1,4 @@
-"""The forms in which ROS and DDS put values into bytes, and how a payload announces its own."""
+"""The serialization formats of ROS and DDS, and the heads by which a payload announces its own."""
 
 from __future__ import annotations
 

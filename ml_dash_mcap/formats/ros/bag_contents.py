@@ -1,4 +1,4 @@
-"""What a bag is made of, whatever its format: files with channels, and their messages as they are stored."""
+"""The protocols of every bag, whatever its format: files with channels, and their messages as they are stored."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class BagFile(Protocol):
     """One file of a bag, opened."""
 
     name: str
-    """Without its folder and what says that it is compressed."""
+    """Without its folder and without the suffix of its compression."""
 
     @property
     def channels(self) -> Mapping[int, Connection]:
@@ -34,7 +34,7 @@ class BagFile(Protocol):
 
     @property
     def corrections(self) -> list[str]:
-        """What the file says wrongly of itself, in words; nothing is lost by it."""
+        """Wrong statements of the file about itself, in words; nothing is lost by them."""
 
     def blocks(self, wanted: Collection[int]) -> Iterator[MessageBlock]:
         """Yield the messages of some channels, in the order in which the file has them.
@@ -72,6 +72,7 @@ class Bag(Protocol):
         """Remove what was unpacked. May be called twice."""
 
 
+# A message of a few bytes may claim any size; more than this is refused before the memory is asked for.
 _MOST_MESSAGE_BYTES = 1 << 30
 
 

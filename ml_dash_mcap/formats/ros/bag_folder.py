@@ -1,4 +1,4 @@
-"""A rosbag2 folder: which files it has, how they are compressed, and what its `metadata.yaml` says."""
+"""A rosbag2 folder: its files, their compression, and the contents of its `metadata.yaml`."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Folder:
         return sorted(there, key=lambda path: _natural(path.name))
 
     def _names(self) -> list[str]:
-        """Return what the metadata says of which files there are.
+        """Return the names of the files that the metadata lists.
 
         Raises:
             DamagedFileError: It is no list of names.
@@ -93,6 +93,7 @@ class Folder:
         for file in candidates:
             other = file.with_name(file.name.removesuffix(ZSTD) if file.name.endswith(ZSTD) else file.name + ZSTD)
             for path in (file, other):
+                # The metadata of a bag from outside must not make us read a file outside of its folder.
                 if path.is_file() and path.resolve().is_relative_to(self.path.resolve()):
                     return path
         inside = candidates[0].resolve().is_relative_to(self.path.resolve())
@@ -202,7 +203,7 @@ class FolderBag:
             self._unpacked = None
 
     def _look(self, file: BagFile) -> None:
-        """Take from a file what the folder does not say of the bag."""
+        """Take from a file the facts about the bag that its folder does not state."""
         if isinstance(file, McapBag):
             distro, text = file.about.get(DISTRO_KEY, ""), file.about.get(TEXT_KEY, "")
         else:
@@ -218,12 +219,13 @@ class FolderBag:
             self._mode = "message"
 
     def _decompressed(self, file: Path) -> Path:
-        """Return a file's content in a temporary place, which has to hold one at a time."""
+        """Unpack a file to a temporary place, which has to hold one file at a time."""
         if self._unpacked is None:
             self._unpacked = tempfile.TemporaryDirectory(prefix="ml_dash_mcap-")
         target = Path(self._unpacked.name) / file.name.removesuffix(ZSTD)
         try:
             with file.open("rb") as packed, target.open("wb") as whole:
+                # Unpacked to disk: a file of a bag may be larger than the memory, and SQLite needs a real file.
                 shutil.copyfileobj(zstandard.ZstdDecompressor().stream_reader(packed), whole, 1 << 20)
         except zstandard.ZstdError as error:
             raise DamagedFileError(file, 0, f"it cannot be decompressed: {error}") from error

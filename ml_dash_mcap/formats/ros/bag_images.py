@@ -1,4 +1,4 @@
-"""The image files that rows name, for messages that hold the images."""
+"""Finds the image files that rows name, for messages that hold the images."""
 
 from __future__ import annotations
 

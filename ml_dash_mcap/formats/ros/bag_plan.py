@@ -1,4 +1,4 @@
-"""Which topics and types a ROS bag has for the topics of a recording."""
+"""Plans the topics and types of a ROS bag for the topics of a recording."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .messages.standard import Derived
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(RosbagWriteOptions):
-    """What a caller wants of a bag, and what its storage needs."""
+    """The options of a bag that is written, and the needs of its storage."""
 
     is_ros1: bool
     room: int
@@ -67,7 +67,7 @@ class TopicPlan:
     topic: str
     message: Message
     own: Outlet | None
-    """For the message that says all; None if it is not wanted."""
+    """The outlet of the message that holds the whole row; None if it is not wanted."""
     derived: tuple[tuple[Derived, Outlet], ...]
 
     @property
@@ -126,7 +126,7 @@ class Planner:
         return plans
 
     def warn(self, what: str, first: str = "") -> None:
-        """Say once what the bag does not say."""
+        """Warn, once for each text, of something that the bag cannot express."""
         if what not in self._warned:
             self._warned.add(what)
             warnings.warn(f"{what}; the first: {first}" if first else what, ConversionWarning, stacklevel=2)

@@ -1,4 +1,4 @@
-"""What the types of a bag's messages are made of: as the bag says, as the caller says, or as ROS's own packages do."""
+"""Finds the definitions of a bag's types: the bag's, the caller's, or those of ROS's own packages."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class Types:
         return channel.message_encoding in ("cdr", "ros1") and not (described.definition or described.schema_encoding)
 
     def name_unknown(self, channel: Connection) -> None:
-        """Say that nobody knows a type of which there are messages.
+        """Warn of, or refuse, a type that is unknown although there are messages of it.
 
         Raises:
-            EncodingError: That is an error.
+            EncodingError: `on_unknown` is "raise".
         """
         what = (
             f"topic {channel.topic!r} of type {channel.type!r}: the bag does not define it, and it is no standard"
@@ -63,6 +63,7 @@ class Types:
             return self._completed(channel, digest)
         if channel.definition:
             return channel
+        # Imported only for a bag without definitions, because it loads rosbags.
         from ...codecs.ros import standard_types
 
         try:
@@ -85,7 +86,7 @@ class Types:
         given = self._supply.text(channel.type)
         try:
             encoding, text = complete(channel.type, channel.schema_encoding, channel.text, supply)
-        except EncodingError:  # there is one that nobody knows; what there is stays as it is
+        except EncodingError:  # a type in it is unknown; the schema stays as it is
             if given is None:
                 return channel
             encoding, text = "ros1msg" if channel.is_ros1 else "ros2msg", given

@@ -1,4 +1,4 @@
-"""A bag as a recording, message by message as it was: bytes, times, types, definitions, topics without messages.
+"""Copies a bag into a recording without decoding: bytes, times, types, definitions, and topics without messages.
 
 Each file of the bag becomes an MCAP file, in ROS's own encoding, that ROS, Foxglove and every MCAP reader know. Chunks
 of MCAP files are copied as they are.
@@ -71,7 +71,7 @@ class Carrier:
 
         Raises:
             DamagedFileError: The file is damaged.
-            EncodingError: Nobody knows what a message of it is made of, and that was not to be.
+            EncodingError: The type of a message is unknown, and `on_unknown` is "raise".
         """
         numbers = [number for number, channel in file.channels.items() if channel in self._wanted]
         if not numbers and not self._keeps_all_files:
@@ -118,7 +118,7 @@ class Carrier:
             dest.add_connection(channel_id, described[number], schema_id)
 
     def _end(self, dest: FileWriter[FileOutput], file: BagFile) -> None:
-        """Copy what else is in the file, and say what bag it was."""
+        """Copy metadata records and attachments, and add a record that describes the bag."""
         values = {"format": self._bag.format, "file": file.name}
         names = set()
         if isinstance(file, McapBag):
@@ -144,7 +144,11 @@ class Carrier:
             is_whole = same and set(ids) == set(file.channels)  # or else chunks may repeat what is not so any more
             stored = stored_messages.chunks(file.file, sorted(ids))
             return read_ahead.in_order(
-                lambda chunk: _copied(chunk, is_whole), stored, weigh=lambda chunk: len(chunk.record)
+                # The work ahead is bounded by bytes, not by a count, because chunks differ in size by orders of
+                # magnitude.
+                lambda chunk: _copied(chunk, is_whole),
+                stored,
+                weigh=lambda chunk: len(chunk.record),
             )
         blocks = (block.renumbered(ids) for block in file.blocks(ids.keys()))
         return read_ahead.in_order(_packed, blocks, weigh=lambda block: 2 * block.size)
@@ -172,7 +176,7 @@ def _packed(block: MessageBlock) -> PackedChunk:
 
 
 def _copied(chunk: StoredChunk, is_whole: bool) -> PackedChunk:
-    """Return a chunk as it was, or made anew.
+    """Return a chunk as it was, or built again.
 
     That is needed where some of its messages stay behind, it says a wrong time, or nobody would read it without raising
     a limit.
@@ -206,6 +210,7 @@ def _entries(chunk: StoredChunk) -> dict[int, npt.NDArray[np.void]]:
     entries = {}
     for messages in chunk.messages:
         if len(messages):
+            # Messages of one time keep the order of the file: the offset decides between them.
             order = np.lexsort((messages.offsets, messages.times_ns))
             entries[messages.channel_id] = index_entries(messages.times_ns[order], messages.offsets[order])
     return entries

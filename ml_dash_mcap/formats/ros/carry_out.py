@@ -1,4 +1,4 @@
-"""A recording's topics that are ROS messages already, for a bag: as they are, or translated to the other generation."""
+"""Exports topics whose messages are ROS's already to a bag: as they are, or translated to the other generation."""
 
 from __future__ import annotations
 
@@ -117,6 +117,8 @@ class Carried:
             for channel_id, channel in stored_messages.channels(file).items():
                 if channel.topic not in names:
                     continue
+                # In ROS 1 two equal connections are two publishers and stay two, so equal ones are counted within a
+                # file.
                 key = (channel, repeated[channel]) if is_ros1 and channel.is_ros1 else _merged(channel)
                 repeated[channel] += 1
                 if key not in numbers_by_channel:
@@ -164,7 +166,7 @@ class Carried:
             self.outlets[number - 1] = replace(outlet, carried=carried)
 
     def _add(self, channel: Connection, number: int) -> int | None:
-        """Make an outlet of a channel; returns its number, or None for what the other generation cannot say."""
+        """Make an outlet of a channel; returns its number, or None for messages that the bag's generation lacks."""
         if not channel.is_ros1 and OFFERED not in dict(channel.metadata):
             profiles = self._origin.profiles.get(channel.topic, "")
             channel = replace(channel, metadata=(*channel.metadata, (OFFERED, profiles)))
@@ -259,7 +261,7 @@ def foreign_metadata(file: File) -> list[Metadata]:
 
 
 def warn_of_beside(files: list[File], where: str) -> None:
-    """Name what other people put into files beside messages, for a bag that has no place for it."""
+    """Warn of attachments and metadata records that the files hold, when the bag has no place for them."""
     names = [entry.name for file in files for _, entry in stored_messages.attachments(file)]
     names += [record.name for file in files for record in foreign_metadata(file)]
     if names:
@@ -268,12 +270,13 @@ def warn_of_beside(files: list[File], where: str) -> None:
 
 
 def _merged(channel: Connection) -> Connection:
-    """Return what tells channels apart in a rosbag2: it knows a topic's type, and not who sent what."""
+    """Return the channel without its metadata: a rosbag2 tells topics apart by name and type, not by their senders."""
     return replace(channel, metadata=())
 
 
 def _within(block: MessageBlock, low: float, high: float) -> MessageBlock:
     """Return the messages of a time range in seconds, both ends included."""
+    # The range is in seconds as users give it; comparing doubles again gives the same ends as `read` does.
     if low == -math.inf and high == math.inf:
         return block
     seconds = np.array(clock.to_seconds_each(block.times_ns.tolist()))

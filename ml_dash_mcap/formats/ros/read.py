@@ -1,4 +1,4 @@
-"""ROS bags of both generations as recordings."""
+"""Opens ROS bags of both generations as recordings."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def read_as_it_is(path: Path) -> list[Path] | None:
     for file in files:
         try:
             bag = bag_mcap.McapBag(file, salvages=True)
-        except DamagedFileError:  # whoever reads it says so, or leaves it out
+        except DamagedFileError:  # reading the file reports the damage, or leaves the file out
             continue
         try:
             if any(lossless_definitions.MARK in channel.text for channel in bag.channels.values()):
@@ -51,6 +51,7 @@ def read_as_it_is(path: Path) -> list[Path] | None:
             is_packed = inside.compression_mode and not bag.is_carried
             if is_packed or (not folder.information and bag_folder.starts_as_zstd(bag)):
                 return None
+            # One file with messages is enough: all files of a bag were written by the same recorder.
             if bag.count:
                 break
         finally:

@@ -1,4 +1,4 @@
-"""Names that ROS accepts, made of names that anybody may have chosen.
+"""Makes names that ROS accepts from names that anybody may have chosen.
 
 The rules are those of `rosidl_adapter` 3.3 for messages and fields, and those of
 https://design.ros2.org/articles/topic_and_service_names.html for topics.

@@ -1,4 +1,4 @@
-"""Messages of a bag to the rows of a recorder."""
+"""Turns the messages of a bag into rows of a recorder."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Origins:
                 self._derived.update(message.about.get("derived", ()))
 
     def is_derived(self, channel: Connection) -> bool:
-        """Whether a channel has standard messages that say again what one of ours says."""
+        """Whether a channel has standard messages that were derived from the rows of one of our topics."""
         return bool(self.own) and channel not in self.own and channel.topic in self._derived
 
     def name(self, channel: Connection) -> str:
@@ -104,7 +104,7 @@ class Intake:
             salvages: Whether to leave out messages that are not what their type says, and note them in `losses`.
 
         Raises:
-            EncodingError: A type is not known, and that was not to be.
+            EncodingError: A type is unknown, and `on_unknown` is "raise".
         """
         self._src = src
         self._recorder = recorder
@@ -128,7 +128,7 @@ class Intake:
         return set(self._adders)
 
     def add(self, batch: ConnectionBatch) -> None:
-        """Take some messages; of those that are damaged the rest, where that is wanted.
+        """Take some messages. With `salvages`, damaged ones are left out and the others taken.
 
         Raises:
             DamagedFileError: A message is not what its type says; then none is taken.
@@ -141,6 +141,7 @@ class Intake:
             if len(batch.payloads) == 1:
                 self.losses.append(str(error))
                 return
+            # Halving finds the damaged messages in few calls while the intact ones are still read by columns.
             middle = len(batch.payloads) // 2
             for part in (slice(0, middle), slice(middle, None)):
                 self.add(ConnectionBatch(batch.channel, batch.times_ns[part], batch.payloads[part]))
@@ -208,7 +209,7 @@ class Intake:
 
     @contextmanager
     def _named(self, batch: ConnectionBatch) -> Iterator[None]:
-        """Name the messages that turn out not to be what their type says."""
+        """Turn a `ValueError` about messages that do not match their type into an error that names the messages."""
         try:
             yield
         except ValueError as error:
@@ -239,6 +240,7 @@ def _metadata(custom: Mapping[str, str]) -> dict[str, Any]:
 
 def _unshifted(time_s: float, time_ns: int) -> int:
     """Return the time, in ns, of a message whose bag was perhaps exported with another offset than its own."""
+    # The row has its own time as a double; the message's time is exact but may be moved by the export's time_offset.
     return time_ns if abs(time_s * clock.NS_PER_S - time_ns) <= TOLERANCE_NS else clock.to_nanoseconds(time_s)
 
 
@@ -248,6 +250,7 @@ def _stamp(row: Row) -> int:
     stamp = header.get("stamp") if isinstance(header, dict) else None
     if not isinstance(stamp, dict):
         return 0
+    # ROS 2 calls the parts sec and nanosec, ROS 1 secs and nsecs.
     sec, nsec = stamp.get("sec", stamp.get("secs")), stamp.get("nanosec", stamp.get("nsecs"))
     if not isinstance(sec, int) or not isinstance(nsec, int) or sec < 0:
         return 0

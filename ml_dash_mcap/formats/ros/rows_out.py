@@ -1,4 +1,4 @@
-"""A recording's topics as the messages of a ROS bag, block by block, in time order."""
+"""Turns the topics of a recording into the messages of a ROS bag, block by block, in time order."""
 
 from __future__ import annotations
 
@@ -101,6 +101,7 @@ class Outgoing:
             parts = self._parts(topic)
             first = next(parts, None)
             shapes[topic] = NOTHING if first is None else _shape_of(first)
+            # The block that was read to plan is written too: reading it again would decode it twice.
             self._started[topic] = parts if first is None else chain([first], parts)
         self.plans = self._planner.plan(shapes)
 
@@ -131,11 +132,11 @@ class Outgoing:
 
     @property
     def own_messages(self) -> list[Message]:
-        """The messages that say all."""
+        """The messages that hold whole rows."""
         return list({plan.message.name: plan.message for plan in self.plans if plan.own is not None}.values())
 
     def about(self) -> dict[str, Any]:
-        """Return what the way back wants to know: our topics by those of the bag, and what else is recorded."""
+        """Return what an import of the bag needs: the bag's topics to ours, and the description of the recording."""
         own = {plan.own.topic: plan.topic for plan in self.plans if plan.own is not None}
         derived = {outlet.topic: plan.topic for plan in self.plans for _, outlet in plan.derived}
         topics = {
@@ -306,6 +307,7 @@ _CARRIED = -1
 
 def _push(waiting: list[_Waiting], number: int, part: Part | MessageBlock | None, parts: Iterator[Any]) -> None:
     if part is not None:
+        # Each number waits once at most, so the heap never compares two parts, which have no order.
         heapq.heappush(waiting, (float(_times(part)[0]), number, part, parts))
 
 
@@ -324,6 +326,7 @@ def _header(stamps: npt.NDArray[np.uint64], frame: str, before: int, *, is_ros1:
     seconds, nanoseconds = np.divmod(stamps, np.uint64(clock.NS_PER_S))
     names = ("secs", "nsecs") if is_ros1 else ("sec", "nanosec")
     return {
+        # A sequence number has 32 bits in ROS 1 and starts again at 0; numpy's cast does the same.
         "seq": np.arange(before, before + len(stamps), dtype=np.int64).astype(np.uint32),
         "stamp": dict(zip(names, (seconds.astype(np.int32), nanoseconds.astype(np.uint32)), strict=True)),
         "frame_id": Constant(frame),
@@ -339,7 +342,7 @@ def packed(
     """Yield what `Outgoing.messages` does, with what is carried prepared for its file, on all cores.
 
     Args:
-        found: The messages.
+        steps: The messages.
         prepare: Of the file.
         is_split: Whether each has to be written before the next is asked for, so that a file can end behind it.
     """
@@ -353,7 +356,7 @@ def packed(
 
 
 def to_text(about: Mapping[str, Any]) -> str:
-    """Say what the way back wants to know as JSON."""
+    """Return the description that an import needs as JSON."""
     return json.dumps(about)
 
 

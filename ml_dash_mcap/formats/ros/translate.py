@@ -1,4 +1,4 @@
-"""Messages of one generation of ROS as those of the other; rosbags has the serialisers.
+"""Translates messages of one generation of ROS into those of the other, with the serialisers of rosbags.
 
 A type keeps its definition. Where the other generation has a standard message of that name, that one's definition
 counts: field by field where they differ, by name.
@@ -72,6 +72,7 @@ def translation(name: str, encoding: str, text: str, *, to_ros1: bool) -> Transl
 
 def _converter(src: Typestore, dst: Typestore, source: str, target: str, to_ros1: bool) -> Callable[[Payload], Payload]:
     is_same = is_same_wireformat(src, dst, source, target)
+    # rosbags keeps here what it compiles for a pair of types.
     cache: dict[str, object] = {}
     bounds = {} if to_ros1 else _bounds(src, dst)
     warned: set[str] = set()
@@ -90,12 +91,15 @@ def _converter(src: Typestore, dst: Typestore, source: str, target: str, to_ros1
 
     def convert(payload: Payload) -> Payload:
         try:
+            # Only then must each message become an object: ROS 2 refuses lists that are longer than their bound.
             if bounds:
                 message = src.deserialize_ros1(payload, source)
                 cut(message)
                 return dst.serialize_cdr(
                     migrate_message(src, dst, source, target, cache, message), target, little_endian=True
                 )
+            # Where both definitions have the same fields, only the alignment changes, for which rosbags has a direct
+            # way from little-endian CDR.
             if not is_same or (to_ros1 and bytes(payload[:2]) != b"\0\1"):
                 return migrate_bytes(src, dst, source, target, cache, payload, src_is2=to_ros1, dst_is2=not to_ros1)
             return src.cdr_to_ros1(payload, source) if to_ros1 else dst.ros1_to_cdr(payload, target)
@@ -234,7 +238,7 @@ def _check(types: Mapping[str, Any], name: str, *, to_ros1: bool) -> None:
 
 
 def _differences(name: str, before: Sequence[tuple[str, Any]], after: Sequence[tuple[str, Any]]) -> Iterator[str]:
-    """Name the fields that only one of two definitions has, but for their case and bounds."""
+    """Yield the fields that only one of two definitions has. Upper and lower case and bounds are ignored."""
     old, new = ([(field.lower(), _unbounded(kind)) for field, kind in fields] for fields in (before, after))
     if old != new:
         for field, kind in old:

@@ -1,4 +1,4 @@
-"""A recording as a ROS 1 bag, with the package that defines our messages in a folder beside it."""
+"""Writes a recording as a ROS 1 bag, with the package that defines our messages in a folder beside it."""
 
 from __future__ import annotations
 
@@ -43,6 +43,8 @@ def export(job: Job, options: Rosbag1WriteOptions) -> Path:
             try:
                 _write(path, outgoing, options.compression, steps)
             except MisfitError:
+                # The plan comes from the first block of each topic. A later row that does not fit means: plan from
+                # all rows, write again.
                 path.unlink(missing_ok=True)
                 outgoing.widen()
                 continue

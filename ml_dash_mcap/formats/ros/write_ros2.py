@@ -1,4 +1,7 @@
-"""A recording as a rosbag2 folder: MCAP or SQLite files, `metadata.yaml`, and the package that defines our messages."""
+"""Writes a recording as a rosbag2 folder, with the package that defines our messages.
+
+The folder holds MCAP or SQLite files and `metadata.yaml`.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ from .bag_sqlite.layout import SUFFIX as SQLITE_SUFFIX
 from .rows_out import MisfitError, Outgoing, Sent, packed, to_text, write_package
 
 CUSTOM_KEY = "ml_dash"
-"""In the metadata's `custom_data`: what the way back wants to know."""
+"""The key of the metadata's `custom_data` under which an export describes itself for a later import."""
 
 
 class _BagWriter(Protocol):
@@ -101,6 +104,8 @@ def export(job: Job, options: Rosbag2WriteOptions) -> Path:
             try:
                 bag.fill(steps)
             except MisfitError:
+                # The plan comes from the first block of each topic. A later row that does not fit means: plan from
+                # all rows, write again.
                 shutil.rmtree(folder)
                 folder.mkdir()
                 outgoing.widen()

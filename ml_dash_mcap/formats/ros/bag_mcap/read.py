@@ -1,4 +1,4 @@
-"""MCAP files with ROS messages: those of a rosbag2 folder, or one alone."""
+"""Reads MCAP files with ROS messages: those of a rosbag2 folder, or a single file."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class McapBag:
 
     @property
     def corrections(self) -> list[str]:
-        """What the file says wrongly of itself, in words; nothing is lost by it."""
+        """Wrong statements of the file about itself, in words; nothing is lost by them."""
         return [self._named(loss) for loss in self.file.losses if loss.corrected]
 
     @property

@@ -1,4 +1,4 @@
-"""One MCAP file of a rosbag2 folder, written a block of messages at a time."""
+"""Writes one MCAP file of a rosbag2 folder, a block of messages at a time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ from ..rows_out import Sent
 
 
 class _MessageZstd:
-    """Finds in a standard message the numbers that ours before it has: two thirds smaller than level 1, and faster."""
+    """Compresses so that a standard message refers to the equal numbers of our own message before it.
+
+    The result is two thirds smaller than that of level 1, and compression is faster.
+    """
 
     name = "zstd"
 
@@ -91,6 +94,7 @@ class McapBagWriter:
     def write(self, sent: Sequence[Sent]) -> None:
         """Write messages, as one chunk or a few."""
         total = sum(len(messages.packed.data) for messages in sent)
+        # `-(-a // b)` is the division of integers that rounds up.
         pieces = max(1, min(-(-total // CHUNK_BYTES), max((len(messages.times_ns) for messages in sent), default=1)))
         for part in _slices(sent, pieces):
             self._chunk(part)
@@ -159,9 +163,11 @@ def _put_heads(block: npt.NDArray[np.uint8], sent: Sent, before: int) -> None:
     """Write the heads of Message records into the room before each message."""
     packed = sent.packed
     heads = message_heads(packed.sizes, sent.outlet.number, sent.times_ns)
+    # MCAP's sequence number has 32 bits, so it starts again at 0.
     heads["sequence"] = (np.arange(before, before + len(heads)) & 0xFFFFFFFF).astype(np.uint32)
     data = heads.view(np.uint8).reshape(len(heads), MESSAGE_HEAD_BYTES)
     size = MESSAGE_HEAD_BYTES + int(packed.sizes[0])
+    # Messages of one size form a matrix whose first columns are set at once, without an index of every byte.
     if len(block) == size * len(heads) and bool((packed.sizes == packed.sizes[0]).all()):
         block.reshape(len(heads), size)[:, :MESSAGE_HEAD_BYTES] = data
     else:

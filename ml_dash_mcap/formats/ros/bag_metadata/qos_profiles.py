@@ -1,4 +1,4 @@
-"""Quality of service with which topics are offered, as bags say it: profiles in YAML."""
+"""The quality of service with which topics are offered, as profiles in the YAML of bags."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from ..bag_plan import Outlet
 from . import yaml_text
 
 OFFERED = "offered_qos_profiles"
-"""What a connection's metadata calls the profiles."""
+"""The key of a connection's metadata that holds the profiles."""
 
 LATCHING = "latching"
-"""What a connection of ROS 1 has instead: "1" for a topic that gives late subscribers its last message."""
+"""The key that a connection of ROS 1 has instead: "1" for a topic that gives late subscribers its last message."""
 
 NAMES_VERSION = 9
 """The version of the metadata from which on policies have names, and profiles are a list instead of its YAML."""
 
+# 2**63 - 1 ns, which ROS 2 takes for no limit (RMW_DURATION_INFINITE in rmw/time.h).
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 _POLICIES: Mapping[str, tuple[str, ...]] = {
@@ -72,7 +73,10 @@ def is_latched(text: str) -> bool:
 
 @cache
 def parse(text: str) -> list[dict[str, Any]]:
-    """Return profiles from their YAML. Most topics have the same ones, and reading YAML takes long."""
+    """Return profiles from their YAML.
+
+    The result is cached: most topics have the same text, and reading YAML takes long.
+    """
     try:
         profiles = yaml_text.load(text) if text else []
     except ValueError:

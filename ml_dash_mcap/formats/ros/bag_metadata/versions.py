@@ -1,4 +1,4 @@
-"""Which version of the metadata a bag for a distribution of ROS 2 has."""
+"""The version of rosbag2's metadata that a bag for a distribution of ROS 2 has."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ DISTROS: Mapping[str, int] = {
     **dict.fromkeys(("humble", "iron"), 8),
     **dict.fromkeys(("jazzy", "kilted", "lyrical", "rolling"), 9),
 }
-"""Names of ROS 2 distributions, to the version of the metadata that all before the next one read."""
+"""Distributions of ROS 2 to the version of the metadata that they, and all later ones up to the next entry, can
+read."""
 
 
 def check_distro(distro: str) -> int:

@@ -1,4 +1,4 @@
-"""YAML as the metadata of bags has it.
+"""Reads and writes the YAML of a bag's metadata.
 
 What is written is nearly JSON: texts in double quotes with JSON's escapes, which YAML has too.
 """
@@ -19,6 +19,7 @@ def load(text: str) -> Any:
     Raises:
         ValueError: It is none.
     """
+    # Imported here: opening a recording that is no bag should not load it.
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
@@ -73,4 +74,5 @@ def _scalar(value: Any) -> str:
         return value.isoformat()
     if isinstance(value, bytes):
         return f"!!binary {json.dumps(base64.b64encode(value).decode())}"
+    # A JSON string of ASCII characters is also a YAML text in double quotes, with the same escapes.
     return json.dumps(value if isinstance(value, (str, int, float)) else str(value), ensure_ascii=True)

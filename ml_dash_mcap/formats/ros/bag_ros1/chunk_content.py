@@ -1,4 +1,4 @@
-"""The messages in the content of a chunk of a ROS 1 bag."""
+"""Finds the messages in the content of a chunk of a ROS 1 bag."""
 
 from __future__ import annotations
 
@@ -91,6 +91,8 @@ def _payloads(data: bytes, places: Numbers) -> list[Payload]:
         return []
     if int(places.max()) + _HEADS_BYTES > len(data):
         raise BrokenRecordError(f"a message at byte {int(places.max())} of it lies behind its end")
+    # A window of 4 bytes at every byte, without a copy: numbers lie at any place, and indexing reads them all at
+    # once.
     lengths = np.ndarray((len(data) - 3,), "<u4", data, strides=(1,))
     starts = places + _HEADS_BYTES + lengths[places].astype(np.int64)
     if int(starts.max()) > len(data):
@@ -98,6 +100,8 @@ def _payloads(data: bytes, places: Numbers) -> list[Payload]:
     ends = starts + lengths[starts - 4]
     if int(ends.max()) > len(data):
         raise BrokenRecordError(f"there is no whole message at byte {int(places[np.argmax(ends)])} of it")
+    # The fast check holds for one writer's order of fields. Other bags are legal too and are searched record by
+    # record.
     if not _are_messages(data, places, starts):
         for place, start in zip(places.tolist(), starts.tolist(), strict=True):
             if data.find(MESSAGE_OP, place, start) < 0:

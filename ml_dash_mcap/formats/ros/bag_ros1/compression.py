@@ -1,4 +1,4 @@
-"""How the chunks of ROS 1 bags are compressed, and unpacked again."""
+"""Compresses the chunks of ROS 1 bags, and unpacks them."""
 
 from __future__ import annotations
 
@@ -39,6 +39,7 @@ def unpacked(packed: bytes, name: str, size: int) -> bytes:
     if compression is None:
         raise BrokenRecordError(f"its compression is {name.encode()!r}, which is not known")
     try:
+        # One byte more than stated, so that a content that is too long is noticed without unpacking all of it.
         data = compression.unpack(packed, size + 1)
     except (OSError, RuntimeError, EOFError) as error:
         raise BrokenRecordError(str(error)) from error

@@ -1,4 +1,4 @@
-"""The layout of ROS 1 bags, for those who read and those who write them (http://wiki.ros.org/Bags/Format/2.0).
+"""The layout of ROS 1 bags, shared by reader and writer (http://wiki.ros.org/Bags/Format/2.0).
 
 A bag is a list of records. A record is a header of named fields and some data, each behind its size.
 """

@@ -1,4 +1,4 @@
-"""A ROS 1 bag (http://wiki.ros.org/Bags/Format/2.0), read a chunk at a time."""
+"""Reads a ROS 1 bag (http://wiki.ros.org/Bags/Format/2.0), a chunk at a time."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .compression import unpacked
 from .layout import BagHeader, BrokenRecordError, ChunkHeader, ChunkInfo, Fields, IndexHeader, Op
 
 _HEADER_BYTES = 1 << 24
-"""A record's header may have so many, and"""
+"""The largest header of a record. A damaged size would ask for any amount of memory."""
 _RECORD_BYTES = 1 << 30
-"""a record so many."""
+"""The largest data of a record."""
 
 _MD5_OF_NOTHING = "d41d8cd98f00b204e9800998ecf8427e"
 """Of a type without fields, whose definition may be an empty text."""
@@ -68,7 +68,7 @@ class Ros1File:
         self.name = path.name
         self.losses: list[str] = []
         self.corrections: list[str] = []
-        """What the bag says wrongly of itself, in words; nothing is lost by it."""
+        """Wrong statements of the bag about itself, in words; nothing is lost by them."""
         self._path = path
         self._salvages = salvages
         self._file = path.open("rb")
@@ -137,6 +137,7 @@ class Ros1File:
         if fields.get("encryptor"):
             raise BrokenRecordError(f"it is encrypted, by {fields['encryptor'].decode(errors='replace')!r}")
         header = BagHeader.parse(fields)
+        # rosbag writes 0 here first and the place of the index when it closes the bag.
         if not self._file.tell() <= header.index_place <= self._size:
             what = "it has no index: it was cut, or is still being written; `rosbag reindex` makes one"
             raise BrokenRecordError(what)
@@ -186,7 +187,7 @@ class Ros1File:
             self.losses.append(loss)
 
     def _walk(self) -> None:
-        """Find chunks and connections without the index, up to where the file is cut.
+        """Find chunks and connections without the index, up to the place where the file is cut.
 
         A chunk with broken content costs nothing behind it: its record says where the next one starts.
         """

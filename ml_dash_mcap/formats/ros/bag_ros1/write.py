@@ -1,4 +1,4 @@
-"""A ROS 1 bag, written a block of messages at a time (http://wiki.ros.org/Bags/Format/2.0)."""
+"""Writes a ROS 1 bag, a block of messages at a time (http://wiki.ros.org/Bags/Format/2.0)."""
 
 from __future__ import annotations
 
@@ -76,6 +76,7 @@ class Ros1BagWriter:
         self._introduced: set[int] = set()
         """Connections whose record stands in a chunk already."""
         self._file = path.open("xb")
+        # The header is padded to a fixed size, so that `finish` can write it again with the place of the index.
         self._file.write(layout.MAGIC + layout.VERSION + BagHeader(0, 0, 0).record())
 
     def write(self, sent: Sequence[Sent]) -> None:
@@ -94,6 +95,7 @@ class Ros1BagWriter:
         sizes = np.fromiter(map(len, block.payloads), np.int64, len(block))
         text = _heads(block.channels - 1, block.times_ns, sizes).tobytes()
         size = MESSAGE_HEAD.itemsize
+        # Heads and payloads alternate, and one `join` copies every byte once.
         parts: list[Any] = [None] * (2 * len(block))
         parts[0::2] = [text[at : at + size] for at in range(0, len(text), size)]
         parts[1::2] = block.payloads
@@ -194,6 +196,7 @@ def _with_heads(sent: Sent) -> _Pending:
     """Write the heads of message records into the room before each message."""
     packed, count = sent.packed, len(sent.times_ns)
     heads = _heads(_connection_id(sent.outlet), sent.times_ns, packed.sizes)
+    # A block whose bytes come from `bytes` cannot be written into.
     data = packed.data if packed.data.flags.writeable else packed.data.copy()
     data[packed.starts[:, None] + np.arange(MESSAGE_HEAD.itemsize)] = heads.view(np.uint8).reshape(count, -1)
     connections = np.full(count, _connection_id(sent.outlet), np.int64)
@@ -222,6 +225,7 @@ def _merged(parts: Sequence[_Pending]) -> _Pending:
         np.concatenate([part[field] for part in parts])
         for field in (2, 3, 4)  # as in _Pending
     )
+    # The last key of `lexsort` counts first.
     order = np.lexsort((connections, times))
     whole = memoryview(np.concatenate([part.data for part in parts]))  # type: ignore[arg-type]  # as in bag_mcap
     starts, sizes = starts[order], sizes[order]

@@ -1,4 +1,4 @@
-"""The tables of rosbag2's SQLite files, for those who read and those who write them.
+"""The tables of rosbag2's SQLite files, shared by reader and writer.
 
 The source is rosbag2_storage_sqlite3's `sqlite_storage.cpp`. Version 1 of the schema has topics and messages, 2 has the
 QoS profiles of topics, 3 the distribution, and 4 the definitions of types, their hashes and the metadata.

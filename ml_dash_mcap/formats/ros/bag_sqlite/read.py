@@ -1,4 +1,4 @@
-"""One SQLite file of a rosbag2 folder: versions 1 to 4 of its schema."""
+"""Reads one SQLite file of a rosbag2 folder: versions 1 to 4 of its schema."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from . import layout, stored_rows
 from .stored_rows import Row
 
 _BESIDE = ("-wal", "-journal")
-"""What SQLite leaves beside a file whose process died: rows that are not in it yet, or that have to be undone in it."""
+"""Suffixes of the files that SQLite leaves when a process dies: rows that are not in the file yet, or that must be
+undone."""
 
 _BLOCK_BYTES = 1 << 20
 _BLOCK_MESSAGES = 8192
@@ -62,10 +63,13 @@ class SqliteBag:
         left = [beside for end in _BESIDE if (beside := Path(f"{path}{end}")).is_file() and beside.stat().st_size]
         if left:
             self._copy = tempfile.TemporaryDirectory(prefix="ml_dash_mcap-")
+            # SQLite replays what a crash left as soon as it opens the file, and writes while it does; so it gets a
+            # copy.
             for file in (path, *left):
                 shutil.copyfile(file, Path(self._copy.name) / file.name)
             self._base = sqlite3.connect(Path(self._copy.name) / path.name)
         else:
+            # `immutable` also keeps SQLite from locks and files beside the bag, so that bags on read-only media open.
             self._base = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
         self._base.text_factory = _text
         try:
@@ -124,6 +128,7 @@ class SqliteBag:
     def _columns(self, rows: list[Row], wanted: Collection[int]) -> tuple[Sequence[Any], ...]:
         """Return the channels, times and contents of some rows, of those channels that are wanted."""
         topics, times, payloads = zip(*rows, strict=True)
+        # SQLite stores any type in any column. Sets of types check a whole list with few steps of Python.
         is_sound = {*map(type, payloads)} == {bytes} and {*map(type, times)} == {int} and min(times) >= 0
         present = {*topics}
         if not is_sound or not self._numbers.keys() >= present:

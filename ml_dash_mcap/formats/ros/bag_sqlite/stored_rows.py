@@ -1,4 +1,4 @@
-"""The messages in a SQLite file of a bag as rows: some MiB at a time, and around pages that are broken."""
+"""Reads the messages in a SQLite file of a bag as rows: some MiB at a time, and around broken pages."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ ERRORS = (sqlite3.Error, UnicodeError)
 
 _MOST_ROWS = 512
 _MOST_BYTES = 4 << 20
+# `_MOST_ROWS` rows of this size are 4 MiB together, so smaller ones need not be counted.
 _SMALL_BYTES = _MOST_BYTES // _MOST_ROWS
 _MOST_GAPS = 256
 _NAMED_GAPS = 8
@@ -99,11 +100,12 @@ def _around_gaps(
             break
         except ERRORS:
             pass
-        row = _first(base, question, start)  # the module of Python drops the row before the one that fails
+        row = _first(base, question, start)  # Python's sqlite3 drops the row before the failing row
         if row is not None:
             yield [row]
             start = row[3] + 1
             continue
+        # Each gap costs up to 128 queries; in a file of nothing but gaps that has to end.
         end = _after(base, question, start) if len(gaps) < _MOST_GAPS else None
         gaps.append(f"from {max(start, 0)} on" if end is None else f"{max(start, 0)} to {end - 1}")
         if end is None:
@@ -125,7 +127,7 @@ def _first(base: sqlite3.Connection, question: str, start: int) -> Any:
 def _after(base: sqlite3.Connection, question: str, start: int) -> int | None:
     """Return the first id behind a broken page that SQLite finds a way to; None if there is none.
 
-    Steps are doubled until nothing is broken there, then halved back to the end of what is broken: at most 128 tries.
+    The step is doubled until a row can be read, then halved to find the end of the broken part: at most 128 tries.
     """
 
     def is_readable(at: int) -> bool:

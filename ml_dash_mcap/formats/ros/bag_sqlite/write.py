@@ -1,4 +1,4 @@
-"""One SQLite file of a rosbag2 folder: a few thousand messages at a time."""
+"""Writes one SQLite file of a rosbag2 folder, a few thousand messages at a time."""
 
 from __future__ import annotations
 
@@ -99,6 +99,7 @@ class SqliteBagWriter:
             information: The metadata of the file, as YAML.
         """
         self._base.execute(layout.INSERT_METADATA, (self._version, information))
+        # Made at the end, once, instead of being kept up to date at each row.
         self._base.execute(layout.CREATE_INDEX)
         self._base.execute("COMMIT")
         self.close()

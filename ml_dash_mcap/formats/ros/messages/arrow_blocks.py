@@ -1,4 +1,4 @@
-"""Blocks of Arrow columns that say exactly what rows say, to the columns of their message."""
+"""Turns blocks of Arrow columns, which hold exactly the values of rows, into the columns of their message."""
 
 from __future__ import annotations
 
@@ -111,6 +111,7 @@ def _numbers(field: MessageField, array: Any, shape: Any) -> dict[str, Column] |
     flat = array.to_numpy(zero_copy_only=False)
     if is_other and (field.shape != () and field.integers is None):
         return None
+    # A double holds integers up to 2**53 exactly; larger ones would change.
     if is_other and len(flat) and not -EXACT_INTEGER <= int(flat.min()) <= int(flat.max()) <= EXACT_INTEGER:
         return None
     numbers = {field.name: shape(flat.astype(np.float64) if is_other else flat)}
@@ -121,9 +122,11 @@ def _numbers(field: MessageField, array: Any, shape: Any) -> dict[str, Column] |
 
 def _texts(array: Any) -> Ragged:
     _, places, data = array.buffers()
+    # The buffers are read directly: `to_pylist` would make a Python text of each value and encode it again.
     offsets = np.frombuffer(places, np.int32)[array.offset : array.offset + len(array) + 1].astype(np.int64)
     items = np.frombuffer(data, np.uint8) if data is not None else np.empty(0, np.uint8)
     if not items[offsets[0] : offsets[-1]].all():
+        # ROS's texts end at a NUL, so a text with one in it needs another place.
         raise MisfitError  # a NUL
     return Ragged(items, offsets[:-1], np.diff(offsets))
 

@@ -1,4 +1,4 @@
-"""Fields of many rows to the columns of what cameras send: images, and how the lens sees."""
+"""Turns fields of many rows into the columns of camera messages: images, and the parameters of the lens."""
 
 from __future__ import annotations
 
@@ -50,6 +50,7 @@ def camera_info(context: Context, values: dict[str, Array]) -> dict[str, Column]
     p = np.zeros((count, 3, 4))
     p[:, :, :3] = k.reshape(count, 3, 3)
     distortion = values["d"].astype(np.float64) if "d" in values else Constant([])
+    # ROS's model with 5 parameters (sensor_msgs/distortion_models); fewer or more are not guessed at.
     model = "plumb_bob" if "d" in values and values["d"].shape[1] == 5 else ""
     models = context.details.get("distortion_model")
     r = _matrices(context, "r", np.tile(np.eye(3).reshape(9), (count, 1)))
@@ -59,6 +60,7 @@ def camera_info(context: Context, values: dict[str, Array]) -> dict[str, Column]
         "height": values["height"].astype(np.uint32) if "height" in values else Constant(0),
         "width": values["width"].astype(np.uint32) if "width" in values else Constant(0),
         "distortion_model": Constant(model) if models is None else stated_texts.texts_or(models, model),
+        # ROS 2 calls these fields d, k, r and p, and ROS 1 D, K, R and P; a definition takes the names that it has.
         **dict.fromkeys(("d", "D"), distortion),
         **dict.fromkeys(("k", "K"), k),
         **dict.fromkeys(("r", "R"), r),
@@ -148,6 +150,7 @@ def compressed(context: Context, values: dict[str, Any]) -> dict[str, Column] | 
     if isinstance(data, BadRows):
         return data
     spans = zip(data.starts.tolist(), data.lengths.tolist(), strict=True)
+    # The first bytes tell PNG and JPEG apart; names of files and formats that rows state may be wrong.
     formats = [_format(data.items[start : start + min(length, 8)].tobytes()) for start, length in spans]
     bad = np.array([not format_ for format_ in formats])
     if bad.any():

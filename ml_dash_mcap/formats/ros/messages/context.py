@@ -1,4 +1,4 @@
-"""The input for messages that are made of rows, and the rows that no message can be made of."""
+"""The input of the functions that make messages of rows, and the rows of which no message can be made."""
 
 from __future__ import annotations
 

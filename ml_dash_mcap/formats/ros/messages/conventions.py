@@ -1,4 +1,4 @@
-"""Which fields of a row can say what in a standard message, by name, shape and type."""
+"""The names, shapes and types by which fields of a row fill the parts of standard messages."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Role:
     shapes: tuple[Shape, ...]
     """Those that the field may have."""
     quantity: str | tuple[str, str] | None = None
-    """What it measures, for the units, or what each half does: see `units`."""
+    """The quantity that it measures, for its units, or the quantities of its two halves: see `units`."""
 
 
 def _role(kind: FieldMeaning) -> Role:
@@ -151,7 +151,7 @@ ENOUGH: Mapping[str, Sequence[Sequence[str]]] = {
 
 
 SAID = ("frame_id", "child_frame_id", "quat_order", "joint_names", "units")
-"""What a mapping can say besides the roles, in place of the topic's metadata."""
+"""The keys of a mapping that replace the topic's metadata; all its other keys are roles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +250,7 @@ def fits(field: MessageField, role: Role, *, embeds: bool = False) -> bool:
         return field.shape == () and (field.kind == "bytes" or (embeds and field.kind == "string"))
     if field.kind == "bool" or not (field.is_array or field.kind in ("float64", "int64", "uint64")):
         return False
-    if field.shape is None:  # which `checks` has a word for
+    if field.shape is None:  # `underivable` names it in its error
         return _COLORS not in role.shapes and _DEPTH not in role.shapes and role.shapes != ((),)
     return (
         _is_picture(field, role) or field.shape in role.shapes or (_ANY_VECTOR in role.shapes and len(field.shape) == 1)

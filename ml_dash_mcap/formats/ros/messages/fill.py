@@ -1,4 +1,4 @@
-"""From rows to the columns of the message that holds all that they hold."""
+"""Turns rows into the columns of the message that holds everything that they hold."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ VALUE_KEY = "_value"
 
 
 class MisfitError(Exception):
-    """Rows have something that the message has no place for; one that has can be designed from all rows."""
+    """Rows have something that the message has no place for. A message designed from all rows has a place."""
 
 
 def fill(message: Message, rows: Sequence[Row]) -> dict[str, Column]:
@@ -74,7 +74,7 @@ def column(field: MessageField, values: list[Any], states: npt.NDArray[np.uint8]
     """Return a field's column, and the one that says which elements are integers.
 
     Args:
-        one: The field.
+        field: The field.
         values: Of each message; anything where `states` does not say PRESENT.
         states: What `field_state` says of the field, [N]; gets INTEGER where a value is one among doubles.
     """
@@ -86,6 +86,7 @@ def column(field: MessageField, values: list[Any], states: npt.NDArray[np.uint8]
     if field.is_array:
         return {field.name: _arrays(field, values)}
     if field.shape == ():
+        # `type` instead of `isinstance`: a bool is an int for Python and must not become a number here.
         if field.kind == "float64" and int in set(map(type, values)):
             are_integers = np.fromiter((type(value) is int for value in values), np.bool_, len(values))
             states[are_integers & (states == PRESENT)] = INTEGER
@@ -140,6 +141,7 @@ def _numbers(kind: str, values: list[Any], *, allows_integers: bool) -> npt.NDAr
         raise MisfitError
     if allows_integers:
         for value in values:
+            # A double holds integers up to 2**53 exactly; larger ones would change.
             if type(value) is int and not -EXACT_INTEGER <= value <= EXACT_INTEGER:
                 raise MisfitError
     return np.array(values, _DTYPES[kind])

@@ -1,4 +1,4 @@
-"""An interface package: what ROS builds so that its own tools know our messages."""
+"""Writes an interface package, which ROS builds so that its own tools know our messages."""
 
 from __future__ import annotations
 

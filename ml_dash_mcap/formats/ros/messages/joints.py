@@ -1,4 +1,4 @@
-"""Fields of many rows to the columns of sensor_msgs/JointState, whose joints may change from message to message."""
+"""Turns fields of many rows into the columns of sensor_msgs/JointState, whose joints may change between messages."""
 
 from __future__ import annotations
 
@@ -65,11 +65,12 @@ def _names(context: Context, counts: Indices) -> Column | BadRows:
         return Constant(_numbered(context, int(counts[0])))
     _warn(context, "the number of joints changes, and nobody says their names")
     most = _numbered(context, int(counts.max(initial=0)))
+    # All rows share one list of names: each value starts at 0 and takes as many names as it has joints.
     return Ragged(texts(most), np.zeros(len(counts), np.int64), counts)
 
 
 def _stated(context: Context, stated: Stated, counts: Indices) -> Column:
-    """Return the names that rows state; numbers for rows that state as many as they have joints not."""
+    """Return the names that rows state, and numbered names for rows whose names are not as many as their joints."""
     names: Ragged = stated.values
     fits = stated.is_there & (names.lengths == counts)
     if fits.all():
@@ -80,6 +81,7 @@ def _stated(context: Context, stated: Stated, counts: Indices) -> Column:
     most = _numbered(context, int(counts.max(initial=0)))
     items: Ragged = names.items
     numbers = texts(most)
+    # Stated names and numbered names lie in one column, and each row's start chooses between them.
     both = Ragged(
         np.concatenate([items.items, numbers.items]),
         np.concatenate([items.starts, numbers.starts + len(items.items)]),

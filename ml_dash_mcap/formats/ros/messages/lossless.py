@@ -1,4 +1,4 @@
-"""A message of its own for a topic's rows, which loses nothing.
+"""Designs a message of its own for a topic's rows, which loses nothing.
 
 ROS messages have no optional fields, no None, no lists of several types. Fields beside those of the row hold what their
 types cannot:
@@ -25,7 +25,7 @@ from ....rows.shape import Shape
 from .. import ros_names
 
 MISSING, PRESENT, NONE, INTEGER = range(4)
-"""What a byte of `field_state` says of its field."""
+"""The values of a byte of `field_state`, which describes one field."""
 
 STATE = "field_state"
 ROW_KEY = TIME_KEY
@@ -167,6 +167,7 @@ def _list(lists: Shape, key: str, name: str, owner: str, taken: set[str], depth:
 def _number(values: Shape) -> str | None:
     kinds = values.value_kinds
     if kinds == shape.INTEGER:
+        # UNSIGNED marks numbers above 2**63 - 1, for which int64 has no room; HUGE ones need more than 64 bits.
         if not values.kinds & shape.UNSIGNED:
             return None if values.kinds & shape.HUGE else "int64"
         return None if values.kinds & (shape.NEGATIVE | shape.HUGE) else "uint64"

@@ -1,4 +1,4 @@
-"""The text of our messages' definitions, and the messages that such a text describes.
+"""The text of the definitions of our messages, and the messages that such a text describes.
 
 The comment that describes a message has no square brackets, which `rosidl` would take for a unit.
 """
@@ -25,6 +25,7 @@ _TIME = "int32 sec\nuint32 nanosec\n"
 _TEXTS = ("topic", "description")
 """Entries about a topic that are stored as they are; all others are JSON in a text, which hides their brackets."""
 
+# rosidl takes text in square brackets in a comment for a unit; others than such plain ones are not written.
 _UNIT = re.compile(r"[^\[\],#\n]{1,40}")
 _SECTION = re.compile(r"^MSG: *(?:\w+/)(?:msg/)?(\w+) *$")
 
@@ -137,6 +138,7 @@ def _describe(message: Message) -> str:
     described: dict[str, Any] = {"version": 1, **({"stated": True} if message.is_stated else {}), "fields": fields}
     for name, value in message.about.items():
         described[name] = value if name in _TEXTS else json.dumps(value)
+    # JSON's escapes keep the brackets away from rosidl and come back when the JSON is read.
     return json.dumps(described).replace("[", "\\u005b").replace("]", "\\u005d")
 
 

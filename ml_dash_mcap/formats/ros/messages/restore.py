@@ -1,4 +1,4 @@
-"""From the columns of a message that our export made back to the rows that they came from."""
+"""Turns the columns of a message that our export made back into the rows that they came from."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def rows(message: Message, column: dict[str, Column]) -> list[Row]:
     """Return the rows of messages, `_ts` last.
 
     Raises:
-        ValueError: They hold what their definition does not say.
+        ValueError: They hold values that their definition does not allow.
     """
     times = column["ts"].tolist()
     restored = _dicts(message, column, len(times))
@@ -82,6 +82,7 @@ def _values(field: MessageField, column: dict[str, Column]) -> list[Any]:
         return _dicts(field.message, values, count(values))
     array = values.astype(np.bool_) if field.kind == "bool" else values
     if field.is_array:
+        # Copies, because a view would keep the bytes of a whole block of messages in memory.
         return [each.copy() for each in array.reshape(-1, *(field.shape or ()))]
     listed = array.reshape(-1, *field.shape).tolist() if field.shape else array.tolist()
     if field.integers is None:

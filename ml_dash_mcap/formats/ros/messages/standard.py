@@ -1,4 +1,4 @@
-"""Which standard messages say what a topic's fields hold.
+"""Chooses the standard messages that can be derived from a topic's fields.
 
 A message is derived where a field's name, shape and type fit; what a topic's metadata and the caller's mapping say
 comes before any convention. `conventions` has the tables, `messages` makes the messages.
@@ -55,7 +55,7 @@ class Derived:
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """Of our topic: `frame_id`, `joint_names`, `quat_order`, `units`."""
     is_asked: bool = False
-    """Whether the caller asked for it, rather than a convention."""
+    """Whether the caller's mapping asks for it; otherwise a convention made it."""
     child: str = ""
     """What a transform leads to where nobody says a frame."""
 
@@ -99,6 +99,7 @@ def derive(
             roles = _matching(convention, fields, path)
             if roles is not None and name not in taken:
                 taken.add(name)
+                # The joint names of a topic are those of the arm.
                 own_metadata = metadata if convention.suffix != GRIPPER else _without_names(metadata)
                 details = _details(message, convention.type, next(iter(roles.values()))[:-1])
                 derived.append(Derived(name, convention.type, roles, message, details, own_metadata))
@@ -117,7 +118,7 @@ def derive(
 
 
 def _transform(pose: Derived) -> Derived:
-    """Return the transforms that say what a topic of poses says; the child is the topic, if nobody says another."""
+    """Return the transforms for a topic of poses. The child frame is named after the topic unless another is stated."""
     details = _details(pose.message, TF, next(iter(pose.fields.values()))[:-1])
     return Derived("/tf", TF, pose.fields, pose.message, details, pose.metadata, child=pose.topic)
 
@@ -185,6 +186,7 @@ def _matching(
         if convention.shape is not None:
             wanted = Role((convention.shape,), wanted.quantity)
         fitting = {key: field for key, field in fields.items() if fits(field, wanted)}
+        # A field of one fixed length is preferred: lists whose length changes fit fewer messages.
         even = {key: field for key, field in fitting.items() if not is_ragged(field)}
         field = _named(names, even) or _named(names, fitting)
         if field is not None:
@@ -285,7 +287,7 @@ def _topic(topic: str, suffix: str) -> str:
 
 
 def describe(field: MessageField) -> str:
-    """Say a field's type and shape."""
+    """Describe a field's type and shape in words."""
     if field.shape is None:
         return f"lists of {field.kind} whose length changes"
     return field.kind + (f"[{','.join(map(str, field.shape))}]" if field.shape else "")

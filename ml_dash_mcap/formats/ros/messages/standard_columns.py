@@ -1,4 +1,4 @@
-"""Fields of many rows to the columns of standard messages."""
+"""Turns fields of many rows into the columns of standard messages."""
 
 from __future__ import annotations
 
@@ -99,6 +99,7 @@ def _details(column: Mapping[str, Column], derived: Derived, role: str, rows: In
     quantity = conventions.ROLES[derived.type][detail.of].quantity
     scale = units.scale(quantity if isinstance(quantity, str) else None, of_unit)
     assert scale is not None  # `checks` saw to it
+    # A variance is in the square of the unit of its quantity.
     return np.asarray(at, np.float64).reshape(len(rows), -1) * scale.factor**2
 
 
@@ -124,6 +125,7 @@ def _values(column: Mapping[str, Column], derived: Derived, role: str, rows: Ind
     scaled = at * scale.factor + scale.offset
     if role == "pose":  # only its lengths
         scaled = np.array(at, np.float64)
+        # The translation is the last column of a 4x4 matrix: elements 3, 7 and 11 row by row.
         places = (..., slice(0, 3), 3) if at.ndim == 3 else (..., [3, 7, 11] if at.shape[-1] == 16 else slice(0, 3))
         scaled[places] *= scale.factor
     return scaled
@@ -176,17 +178,19 @@ def _position_and_orientation(context: Context, values: dict[str, Array]) -> tup
     if bad.any():
         where = " (row by row, the position in its last column)"
         return BadRows(bad, f"field {context.derived.key('pose')!r} is no pose as a 4x4 matrix{where}")
+    # q and -q are the same rotation; w >= 0 picks one of them, so that the result does not depend on the method.
     return matrices[:, :3, 3], np.where(of_matrices[:, 3:] < 0, -of_matrices, of_matrices)
 
 
 def _oriented(context: Context, given: Array, role: str) -> Array | BadRows:
     """Return unit quaternions x y z w."""
-    is_dict = context.derived.fields[role][-1].message is not None  # whose keys say what is what
+    is_dict = context.derived.fields[role][-1].message is not None  # its keys name its parts
     order = "xyzw" if is_dict else context.derived.metadata.get("quat_order")
     bad = rotations.not_unit(given) | ~np.isfinite(given).all(axis=1)
     key = context.derived.key(role)
     if bad.any():
         return BadRows(bad, f"field {key!r} is no unit quaternion: {given[int(np.argmax(bad))].tolist()}")
+    # A recording often starts near the identity, whose number of size 1 is w: at the first place it suggests w x y z.
     if order is None and len(given) and abs(abs(given[0, 0]) - 1) < 1e-6:
         warnings.warn(
             f"{context.derived.topic}: field {key!r} starts with {given[0].tolist()}, which looks like w x y z, and is"

@@ -1,4 +1,4 @@
-"""Texts that rows may state of a standard message, above all the frames of its coordinates."""
+"""Texts that rows state for a standard message, above all the frames of its coordinates."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .context import Context, Stated
 from .standard import Derived
 
 WORLD = "world"
-"""The parent of transforms of which nobody says one: tf takes none without."""
+"""The parent frame of transforms that state none: tf does not accept a transform without a parent."""
 
 
 def texts_of(stated: Stated, otherwise: str) -> list[str]:
@@ -20,6 +20,7 @@ def texts_of(stated: Stated, otherwise: str) -> list[str]:
     values: Ragged = stated.values
     data = bytes(values.items)
     spans = zip(values.starts.tolist(), values.lengths.tolist(), stated.is_there.tolist(), strict=True)
+    # Most rows state the same text; each is decoded once.
     by_bytes: dict[bytes, str] = {}
     in_rows = []
     for start, length, is_there in spans:

@@ -1,4 +1,4 @@
-"""Why a standard message cannot be derived, whatever the rows say."""
+"""Checks whether a standard message cannot be derived, whatever values the rows have."""
 
 from __future__ import annotations
 
