@@ -8,27 +8,19 @@ from __future__ import annotations
 
 import io
 import math
-import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import cbor2
 import numpy as np
-import numpy.typing as npt
 
-from ..errors import FieldError
 from ..rows import foreign_values, packed_arrays
-from ..rows.encode import LARGEST_INT, SMALLEST_INT, TIME_KEY, PlainRow
-from ..rows.merge import merge
-from ..rows.shape import Shape
-from . import json_schema
-from .cbor_layouts import CborForms, head, head_bytes
-from .codec import Codec, ColumnReader, EncodedColumns
-from .encoded_channel import Decoder, EncodedChannel, Row
+from ..rows.encode import LARGEST_INT, SMALLEST_INT
+from .encoded_channel import Row
+from .row_codec import RowCodec
 
 _TIME_MARK = b"\x63_ts\xfb"
 _TIME_BYTES = len(_TIME_MARK) + 8
-_double = struct.Struct(">d")
 
 _ATOMS = {float, str, bool, bytes, type(None)}
 _FRACTIONS = {float}
@@ -48,126 +40,6 @@ _VALUE_TAGS = (0, 1, 4, 5, 28, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 
 """Tags for which the package has classes that a row has no place for: the value behind the tag stays."""
 _REFERENCE_TAGS = (25, 29)
 """Tags that stand for a part of the message elsewhere, with which a short message can be an endless value."""
-
-
-class CborCodec(Codec):
-    """Rows as maps of CBOR."""
-
-    message_encoding = "cbor"
-    schema_encoding = json_schema.ENCODING
-
-    # -- append --------------------------------------------------------------------------------------------------------
-
-    default = staticmethod(foreign_values.simple)
-    probe = b"\xff" * 16  # of no meaning: there is nothing to recheck
-
-    def dumps(self, fields: dict[str, Any], default: Any) -> bytes:
-        """Encode a row; one with anything but plain values and lists of fractions is looked at value by value."""
-        for value in fields.values():
-            kind = value.__class__
-            if kind in _ATOMS or (kind is int and SMALLEST_INT <= value <= LARGEST_INT):
-                continue
-            if kind is not list or not set(map(type, value)) <= _FRACTIONS:
-                return _dumps(PlainRow("").row(fields))
-        return cbor2.dumps(fields)
-
-    def encode_exactly(self, fields: Mapping[str, Any], topic: str) -> bytes:
-        """Encode a row, or say which of its values cannot be stored."""
-        row = PlainRow(topic).row(fields)
-        for name, value in row.items():
-            try:
-                _dumps({name: value})
-            except (cbor2.CBOREncodeError, UnicodeEncodeError) as error:
-                raise FieldError(f"append() on topic {topic!r}: field {name!r} cannot be stored: {error}") from error
-        return _dumps(row)
-
-    def recheck(self, payload: bytes, fields: Mapping[str, Any], topic: str, probe: int | bytes) -> tuple[bytes, Any]:
-        """Return the payload as it is."""
-        return payload, probe
-
-    def encode_columns(
-        self, times: npt.NDArray[np.float64], columns: Mapping[str, Any], topic: str, head: bytes
-    ) -> Iterator[EncodedColumns] | None:
-        """Encode rows of plain arrays as one matrix of bytes; others row by row."""
-        from . import cbor_matrix
-
-        are_plain = all(type(column) is np.ndarray and column.size for column in columns.values())
-        return cbor_matrix.encode(times, columns, head) if are_plain else None
-
-    def encode_read(self, row: Row) -> bytes:
-        """Encode a row that was read."""
-        return _dumps(PlainRow("").row(row))
-
-    # -- the writer ----------------------------------------------------------------------------------------------------
-
-    def forms(self) -> CborForms:
-        """Return what learns the shapes of rows by their layouts."""
-        return CborForms(decode)
-
-    def schema(self, shape: Shape | None, title: str) -> bytes:
-        """Return a JSON Schema of the rows; bytes and arrays are described as they are for JSON rows."""
-        return json_schema.of_shape(shape, title)
-
-    def padded(self, schema: bytes, length: int) -> bytes:
-        """Return a JSON Schema with blanks behind it."""
-        return json_schema.padded(schema, length)
-
-    def cut(self, payloads: Sequence[bytes]) -> list[int]:
-        """Return where each row's time stamp begins, with its key."""
-        return [_time_at(payload) for payload in payloads]
-
-    def keys_of(self, payload: bytes) -> frozenset[str]:
-        """Return a row's top-level keys."""
-        return frozenset(decode(payload))
-
-    def time_of(self, payload: bytes) -> float:
-        """Return the time stamp."""
-        return float(_double.unpack_from(payload, _time_at(payload) + len(_TIME_MARK))[0])
-
-    def with_time(self, payload: bytes, seconds: float) -> bytes:
-        """Return a row at another time stamp."""
-        return payload[: _time_at(payload)] + _TIME_MARK + _double.pack(seconds)
-
-    def join(self, payloads: Sequence[bytes]) -> bytes:
-        """Merge rows of one time stamp."""
-        row = merge([decode(payload) for payload in payloads])
-        return _dumps({**{name: value for name, value in row.items() if name != TIME_KEY}, TIME_KEY: row[TIME_KEY]})
-
-    def join_disjoint(self, payloads: Sequence[bytes], cuts: Sequence[int]) -> bytes:
-        """Merge rows of one time stamp without a key in common, by joining the bytes of their entries."""
-        heads = [head(payload, 0) for payload in payloads]
-        entries = [payload[at:cut] for payload, (_, _, at), cut in zip(payloads, heads, cuts, strict=True)]
-        count = sum(count for _, count, _ in heads) - len(heads) + 1
-        return b"".join((head_bytes(0xA0, count), *entries, payloads[0][cuts[0] :]))
-
-    # -- reading -------------------------------------------------------------------------------------------------------
-
-    def decoder(self, channel: EncodedChannel) -> Decoder:
-        """Return what makes rows of messages, whatever their schema says."""
-        return decode
-
-    def decode_plain(self, payloads: Sequence[bytes]) -> list[Row] | None:
-        """Decode rows; None if one is no CBOR."""
-        try:
-            return list(map(decode, payloads))
-        except (ValueError, RecursionError):
-            return None
-
-    def column_reader(self, decoder: Callable[[], Decoder], columns: Sequence[str] | None) -> ColumnReader:
-        """Return what reads rows of one layout as a matrix of bytes."""
-        from .cbor_columns import CborColumnReader  # pyarrow, which only readers of columns wait for
-
-        return CborColumnReader(columns)
-
-
-def _time_at(payload: bytes) -> int:
-    at = len(payload) - _TIME_BYTES
-    if payload[at:-8] != _TIME_MARK:
-        raise ValueError("the row does not end with its time stamp")
-    return at
-
-
-# -- values ------------------------------------------------------------------------------------------------------------
 
 
 def _dumps(row: Mapping[str, Any]) -> bytes:
@@ -276,6 +148,30 @@ _DECODING: dict[str, Any] = {
     "semantic_decoders": {tag: lambda value, immutable: value for tag in _VALUE_TAGS}
     | dict.fromkeys(_REFERENCE_TAGS, _refuse),
 }
+
+
+class CborCodec(RowCodec):
+    """Rows as maps of CBOR."""
+
+    message_encoding = "cbor"
+    encode_row = staticmethod(_dumps)
+    decode = staticmethod(decode)
+
+    def dumps(self, fields: dict[str, Any], default: Any) -> bytes:
+        """Encode a row; one with anything but plain values and lists of fractions is looked at value by value."""
+        for value in fields.values():
+            kind = value.__class__
+            if kind in _ATOMS or (kind is int and SMALLEST_INT <= value <= LARGEST_INT):
+                continue
+            if kind is not list or not set(map(type, value)) <= _FRACTIONS:
+                return super().dumps(fields, default)
+        return cbor2.dumps(fields)
+
+    def cut(self, payloads: Sequence[bytes]) -> list[int]:
+        """Return where each row's time stamp begins, with its key."""
+        if not all(payload[-_TIME_BYTES:-8] == _TIME_MARK for payload in payloads):
+            raise ValueError("a row does not end with its time stamp")
+        return [len(payload) - _TIME_BYTES for payload in payloads]
 
 
 CODEC = CborCodec()

@@ -186,7 +186,10 @@ class Codec(MessageCodec, Protocol):
         """Return a schema with a padding that readers pass over, so that it has a length and can grow in place."""
 
     def cut(self, payloads: Sequence[bytes]) -> list[int]:
-        """Return where each row's time stamp begins, with its key; it goes on to the end of the payload."""
+        """Return where each row's time stamp begins, with its key; it goes on to the end of the payload.
+
+        It is 0 in an encoding in which the time stamp does not stand for itself: rows are cut to compare their times.
+        """
 
     def keys_of(self, payload: bytes) -> frozenset[str]:
         """Return a row's top-level keys, that of the time stamp among them."""

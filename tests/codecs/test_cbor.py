@@ -124,17 +124,6 @@ def test_whatever_the_bytes_are_they_are_a_row_or_a_value_error(payload: bytes) 
     assert CODEC.decode_plain([payload]) is not None
     assert all(type(name) is str for name in row)
     CODEC.encode_read({**row, "_ts": 1.0})
-    CODEC.column_reader(lambda: decode, None).read([payload] * 3)
-
-
-@given(st.lists(st.binary(max_size=40), min_size=1, max_size=5))
-@settings(deadline=None, max_examples=examples(500))
-def test_columns_are_read_of_any_bytes_or_not_at_all(payloads: list[bytes]) -> None:
-    read = CODEC.column_reader(lambda: decode, None).read(payloads)
-    if read is not None:
-        kept = [payload for n, payload in enumerate(payloads) if n not in read.others.tolist()]
-        for array in read.arrays.values():
-            assert len(array) == len(kept)
 
 
 def record(folder: Path, encoding: str, name: str = "arm") -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from ml_dash_mcap import clock
+from ml_dash_mcap import Recorder, RecorderOptions, Recording, clock
 from ml_dash_mcap.codecs import cbor, json
 from ml_dash_mcap.codecs.codec import UNKNOWN_FORM, Codec
 from ml_dash_mcap.errors import FieldError, IntegerRangeError
@@ -244,8 +245,9 @@ def test_a_schema_is_padded_without_changing_it(codec: Codec) -> None:
 @example(rows=[{"s": "\u00e9"}, {"s": "ab"}], columns=None)
 def test_columns_are_those_of_the_rows(module: Any, rows: list[Row], columns: list[str] | None) -> None:
     encoded = [encode(module.CODEC, row, float(number)) for number, row in enumerate(rows)]
-    read = module.CODEC.column_reader(lambda: module.decode, columns).read(encoded)
-    if read is None:
+    reader = module.CODEC.column_reader(lambda: module.decode, columns)
+    read = None if reader is None else reader.read(encoded)
+    if read is None:  # the rows are decoded one by one
         return
     kept = [n for n in range(len(rows)) if n not in read.others.tolist()]
     expected = table.block_of([flatten({**rows[n], "_ts": float(n)}, "_ts") for n in kept])
@@ -263,9 +265,8 @@ def test_columns_are_those_of_the_rows(module: Any, rows: list[Row], columns: li
 @given(rows=st.lists(SIMILAR, min_size=1, max_size=8))
 def test_columns_that_tell_all_are_the_rows_again(module: Any, rows: list[Row]) -> None:
     rows = [{**row, "_ts": float(number)} for number, row in enumerate(rows)]
-    read = module.CODEC.column_reader(lambda: module.decode, None).read_exactly(
-        [module.CODEC.encode(dict(r), "t") for r in rows]
-    )
+    reader = module.CODEC.column_reader(lambda: module.decode, None)
+    read = None if reader is None else reader.read_exactly([module.CODEC.encode(dict(row), "t") for row in rows])
     if read is None:
         return
     names = list(read)
@@ -275,11 +276,21 @@ def test_columns_that_tell_all_are_the_rows_again(module: Any, rows: list[Row]) 
     assert [repr(sorted_row(flatten(row, "_ts"))) for row in rows] == [repr(sorted_row(row)) for row in flat]
 
 
-def test_rows_of_one_layout_are_read_as_columns(module: Any) -> None:
+def test_rows_of_one_layout_are_read_as_columns(module: Any, tmp_path: Path) -> None:
     rows = [{"q": [n / 7, 0.5], "n": 100 + n, "s": "abc", "b": n % 2 == 0, "_ts": float(n)} for n in range(100)]
-    read = module.CODEC.column_reader(lambda: module.decode, None).read(
-        [module.CODEC.encode(dict(r), "t") for r in rows]
-    )
+    with Recorder(tmp_path, RecorderOptions(encoding=module.CODEC.message_encoding)) as recorder:
+        recorder.topic("t").append_batch(rows)
+    with Recording(tmp_path) as recording:
+        columns = recording["t"].to_arrow()
+    assert sorted(columns.column_names) == sorted(rows[0])
+    assert columns.select(list(rows[0])).to_pylist() == rows
+
+
+def test_json_rows_of_one_layout_are_read_without_being_decoded_one_by_one() -> None:
+    rows = [{"q": [n / 7, 0.5], "n": 100 + n, "s": "abc", "b": n % 2 == 0, "_ts": float(n)} for n in range(100)]
+    payloads = [json.CODEC.encode(dict(row), "t") for row in rows]
+    read = json.CODEC.column_reader(lambda: json.decode, None).read(payloads)
+    assert read is not None
     assert pa.table(read.arrays).to_pylist() == rows
     assert not len(read.others)
 

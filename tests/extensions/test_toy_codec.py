@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,49 +13,16 @@ import pytest
 from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording
 from ml_dash_mcap.codecs import codec_table
 from ml_dash_mcap.codecs import json as json_codec
-from ml_dash_mcap.codecs.codec import UNKNOWN_FORM, Codec
-from ml_dash_mcap.codecs.encoded_channel import Decoder, EncodedChannel, Row
+from ml_dash_mcap.codecs.encoded_channel import Row
+from ml_dash_mcap.codecs.row_codec import RowCodec
 from ml_dash_mcap.errors import OptionError, TopicError, UndecodedWarning
-from ml_dash_mcap.rows.encode import PlainRow
-from ml_dash_mcap.rows.schema import TopicShape
 from ml_dash_mcap.rows.shape import Shape
-from ml_dash_mcap.rows.value_shapes import of_value
 from tests.support import disk
 
 ENCODING = "toy"
 
 
 # The encoding: rows as Python spells them, in hexadecimal digits; its schema lists the fields
-
-
-class ToyForms:
-    """What is known of the rows of toys: their shapes. Each row is decoded."""
-
-    size = 0
-
-    def __init__(self) -> None:
-        self._shapes: dict[int, TopicShape] = {}
-
-    def begin_block(self) -> None:
-        pass
-
-    def forget(self) -> None:
-        pass
-
-    def learn(self, channel: int, payload: bytes) -> int:
-        self._shapes.setdefault(channel, TopicShape()).add(of_value(decode(payload)))
-        return UNKNOWN_FORM
-
-    def of_rows(self, rows: Any) -> Any:
-        numbers = rows.channels.tolist()
-        return np.array([self.learn(number, rows.payload(row)) for row, number in enumerate(numbers)], np.int32)
-
-    def shape_of(self, channel: int) -> Shape | None:
-        shape = self._shapes.get(channel)
-        return None if shape is None else shape.shape
-
-    def keys_of(self, channel: int, form: int) -> frozenset[str]:
-        raise AssertionError("there are no forms")
 
 
 def decode(payload: bytes) -> Row:
@@ -68,57 +35,20 @@ def encoded(row: Mapping[str, Any]) -> bytes:
     return repr(dict(row)).encode().hex().encode()
 
 
-class ToyCodec(Codec):
+class ToyCodec(RowCodec):
     message_encoding = ENCODING
     schema_encoding = "toyschema"
-    default = staticmethod(lambda value: value)
-    probe = b"no hexadecimal digits"
-
-    def dumps(self, fields: dict[str, Any], default: Any) -> bytes:
-        return encoded(PlainRow("").row(fields))
-
-    def encode_exactly(self, fields: Mapping[str, Any], topic: str) -> bytes:
-        return encoded(PlainRow(topic).row(fields))
-
-    def recheck(self, payload: bytes, fields: Mapping[str, Any], topic: str, probe: Any) -> tuple[bytes, Any]:
-        return payload, probe
-
-    def forms(self) -> ToyForms:
-        return ToyForms()
+    encode_row = staticmethod(encoded)
+    decode = staticmethod(decode)
 
     def schema(self, shape: Shape | None, title: str) -> bytes:
-        return b"" if shape is None else "\n".join(shape.fields).encode() + b"\n"
+        return ("" if shape is None else "\n".join(shape.fields)).encode() + b"\n"
 
     def padded(self, schema: bytes, length: int) -> bytes:
         return schema.ljust(length, b"\n")
 
-    def cut(self, payloads: Sequence[bytes]) -> list[int]:
-        return [payload.rindex(b"'_ts'".hex().encode()) for payload in payloads]
 
-    def keys_of(self, payload: bytes) -> frozenset[str]:
-        return frozenset(decode(payload))
-
-    def time_of(self, payload: bytes) -> float:
-        return float(decode(payload)["_ts"])
-
-    def with_time(self, payload: bytes, seconds: float) -> bytes:
-        return encoded({**decode(payload), "_ts": seconds})
-
-    def join(self, payloads: Sequence[bytes]) -> bytes:
-        row = {name: value for payload in payloads for name, value in decode(payload).items()}
-        return encoded({**{name: value for name, value in row.items() if name != "_ts"}, "_ts": row["_ts"]})
-
-    def join_disjoint(self, payloads: Sequence[bytes], cuts: Sequence[int]) -> bytes:
-        return self.join(payloads)
-
-    def decoder(self, channel: EncodedChannel) -> Decoder:
-        return decode
-
-    def encode_read(self, row: Row) -> bytes:
-        return encoded(row)
-
-
-CODEC: Any = ToyCodec()
+CODEC = ToyCodec()
 
 
 @pytest.fixture
@@ -191,17 +121,20 @@ METHODS = (
 )
 """What the writer thread asks a codec, and the forms of it."""
 
+NOT_NEEDED = {"json": ("forget", "keys_of"), "toy": ("forget", "keys_of", "learn")}
+"""What the rows of these tests do not need, as long as nothing else fails."""
+
 
 class Failing:
-    """A codec that does what JSON's does, but for one method, which fails."""
+    """A codec that does what another does, but for one method, which fails."""
 
-    def __init__(self, method: str, error: BaseException) -> None:
-        self._method, self._error = method, error
+    def __init__(self, codec: Any, method: str, error: BaseException) -> None:
+        self._codec, self._method, self._error = codec, method, error
 
     def __getattr__(self, name: str) -> Any:
         if name == "forms" and self._method not in ("forms", *METHODS[:9]):
-            return lambda: FailingForms(json_codec.CODEC.forms(), self._method, self._error)
-        real = getattr(json_codec.CODEC, name)
+            return lambda: FailingForms(self._codec.forms(), self._method, self._error)
+        real = getattr(self._codec, name)
         return failing(real, self._error) if name == self._method else real
 
 
@@ -224,32 +157,53 @@ def failing(real: Callable[..., Any], error: BaseException) -> Callable[..., Any
     return call
 
 
-@pytest.mark.parametrize(
-    "error", [ValueError("odd"), MemoryError(), RecursionError(), KeyError("x")], ids=lambda e: type(e).__name__
-)
+class Undecodable(ToyCodec):
+    """A codec of which rows come, and none goes back."""
+
+    def __init__(self, error: BaseException) -> None:
+        self.decode = failing(decode, error)
+
+
+ERRORS = [ValueError("odd"), MemoryError(), RecursionError(), KeyError("x")]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("codec", [json_codec.CODEC, CODEC], ids=lambda codec: codec.message_encoding)
 def test_a_codec_that_fails_loses_no_row_and_leaves_the_writer_alive(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, error: BaseException
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, codec: Any, method: str, error: BaseException
 ) -> None:
-    codec = Failing(method, error)
-    monkeypatch.setattr(codec_table, "find", lambda encoding: codec)
-    with Experiment("a/b", root=tmp_path, options=RecorderOptions(flush_interval_s=60)).run as exp:
-        exp.log("before the first row of a track")
-        arm = exp.tracks("arm")
-        for n in range(20):  # rows that merge by their bytes, after being decoded, and not at all
-            arm.append(q=n, _ts=n / 10).append(w=0.5, _ts=n / 10).append(q=n + 1, _ts=n / 10).append(
-                q=0, _ts=n / 10 + 1e-12
-            )
-            arm.append(a=n, _ts=50.0 + n).append(b=n, _ts=50.0 + n)
-        exp.flush()
-        arm.append_columns(_ts=np.arange(80.0, 90.0), c=np.arange(10))
-        arm.append(last=True, late=[0.5], _ts=100.0).flush()
-        stats = exp.stats()
-        assert stats["written"] == stats["accepted"]
-        assert stats["failure"] is None
-        if method not in ("forget", "keys_of"):
-            assert stats["fallbacks"]
-    monkeypatch.undo()
+    stats = record_and_read(tmp_path, monkeypatch, Failing(codec, method, error))
+    if method not in NOT_NEEDED[codec.message_encoding]:
+        assert stats["fallbacks"]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+def test_rows_that_the_writer_cannot_decode_are_all_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
+) -> None:
+    assert record_and_read(tmp_path, monkeypatch, Undecodable(error))["fallbacks"]
+
+
+def record_and_read(root: Path, monkeypatch: pytest.MonkeyPatch, codec: Any) -> Any:
+    """Record with a codec that fails, read without it that no row is lost, and return the recorder's statistics."""
+    with monkeypatch.context() as failing_codecs:
+        failing_codecs.setattr(codec_table, "find", lambda encoding: codec)
+        with Experiment("a/b", root=root, options=RecorderOptions(flush_interval_s=60)).run as exp:
+            exp.log("before the first row of a track")
+            arm = exp.tracks("arm")
+            for n in range(20):  # rows that merge by their bytes, after being decoded, and not at all
+                arm.append(q=n, _ts=n / 10).append(w=0.5, _ts=n / 10).append(q=n + 1, _ts=n / 10).append(
+                    q=0, _ts=n / 10 + 1e-12
+                )
+                arm.append(a=n, _ts=50.0 + n).append(b=n, _ts=50.0 + n)
+            exp.flush()
+            arm.append_columns(_ts=np.arange(80.0, 90.0), c=np.arange(10))
+            arm.append(last=True, late=[0.5], _ts=100.0).flush()
+            stats = exp.stats()
+            assert stats["written"] == stats["accepted"]
+            assert stats["failure"] is None
+    monkeypatch.setitem(codec_table.CODECS, ENCODING, __name__)
     with Recording(exp.path) as recording:
         rows = list(recording["arm"].rows())
         assert rows[-1] == {"last": True, "late": [0.5], "_ts": 100.0}
@@ -257,13 +211,14 @@ def test_a_codec_that_fails_loses_no_row_and_leaves_the_writer_alive(
         assert [(row["a"], row["b"]) for row in rows if "a" in row] == [(n, n) for n in range(20)]
         assert [row["c"] for row in rows if "c" in row] == list(range(10))
         assert [row["message"] for row in recording.logs] == ["before the first row of a track"]
+    return stats
 
 
 @pytest.mark.parametrize("method", ["dumps", "encode_exactly"])
 def test_a_codec_that_cannot_encode_a_row_tells_whoever_appends_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
 ) -> None:
-    codec = Failing(method, ValueError("odd"))
+    codec = Failing(json_codec.CODEC, method, ValueError("odd"))
     monkeypatch.setattr(codec_table, "find", lambda encoding: codec)
     with Recorder(tmp_path) as recorder:
         arm = recorder.topic("arm").append(n=1, _ts=1.0)
