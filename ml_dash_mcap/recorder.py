@@ -1,4 +1,4 @@
-"""The way in: topics, append, flush, close."""
+"""The recorder of a run's folder: it opens topics, writes metadata, flushes, and closes."""
 
 from __future__ import annotations
 
@@ -101,6 +101,7 @@ class Recorder:
         except BaseException:
             self._journal.remove()
             raise
+        # It holds the parts, not the recorder, so that a forgotten recorder is collected, and closed then or at exit.
         self._finalizer = weakref.finalize(self, _close, self._journal, self._writer, os.getpid())
 
     def _start(self, session: SessionInfo, sinks: Iterable[Sink]) -> None:
@@ -328,6 +329,8 @@ def _make_folder(path: str | Path) -> Path:
 
 
 def _weak_failure(writer: Writer) -> Any:
+    # The writer refers to the journal already. A strong reference back would be a cycle, and only the garbage collector
+    # would end the writer's thread.
     reference = weakref.ref(writer)
 
     def failure() -> BaseException | None:

@@ -1,1 +1,1 @@
-"""What comes after `append`: the journal, its buffers, and the thread that writes them into segments."""
+"""The way of a row after `append`: the journal, its buffers, and the writer thread that makes segments of them."""

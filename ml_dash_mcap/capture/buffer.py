@@ -65,10 +65,12 @@ class Buffer:
         """Whether one of them is a Metadata record."""
         self.uniform: list[tuple[int, int]] = []
         """Runs of `starts`, by the first index and the index after the last, whose rows are all of one form."""
+        # mmap refuses a length of 0, so a buffer that takes nothing has a page, too.
         self.map = mmap.mmap(-1, mmap.PAGESIZE) if path is None else _reserve(path, size)
 
     def begin(self, prologue: bytes) -> None:
         """Make an empty buffer the start of an MCAP file."""
+        # The first byte of the magic goes last: a recovery passes over a buffer that does not begin with the magic.
         self.map[1 : len(prologue)] = prologue[1:]
         self.map[0] = prologue[0]
         self.end = self.prologue = len(prologue)
@@ -117,9 +119,12 @@ def _reserve(path: Path, size: int) -> mmap.mmap:
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o600)
     try:
         if hasattr(os, "posix_fallocate"):
+            # Not ftruncate: with a hole, shared memory that runs out later is a SIGBUS, which kills the process.
             os.posix_fallocate(descriptor, 0, size)
         else:
+            # macOS and Windows: bytes that are written have their place, too.
             os.write(descriptor, bytes(size))
+        # MAP_POPULATE maps all pages now, so that no append waits for a page fault. Windows has neither flag.
         flags = getattr(mmap, "MAP_SHARED", 0) | getattr(mmap, "MAP_POPULATE", 0)
         return mmap.mmap(descriptor, size, flags=flags) if flags else mmap.mmap(descriptor, size)
     except BaseException:

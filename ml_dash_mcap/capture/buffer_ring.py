@@ -20,6 +20,7 @@ from .buffer import Buffer
 from .journal_files import JournalFiles
 from .turn_taking import State, Turns
 
+# A queue raises OverflowError for a timeout beyond what the system's clock holds, and intervals may be that long.
 _LONGEST_WAIT_S = 3600.0
 
 
@@ -42,6 +43,8 @@ class BufferRing:
         """The Schema and Channel records of all topics, with which every buffer begins."""
         self._blocks = 0
         self._sealed_rows = 0
+        # SimpleQueue, because its put() may be interrupted by a signal handler that puts, too. Queue has a lock: the
+        # handler would wait for ever for the thread that it interrupted.
         self._sealed: queue.SimpleQueue[tuple[Buffer, ...] | int] = queue.SimpleQueue()
         self._free: collections.deque[Buffer] = collections.deque(session.buffers[1:])
         self._rotating = False
@@ -98,6 +101,7 @@ class BufferRing:
             return False
         self._rotating = True
         fresh = free[0]
+        # `del` and `+=` here rather than popleft() and append(): a signal handler can come in at a call.
         del free[0]
         try:  # no call since `free` was looked at
             end, registry, put = full.end, self.registry, self._sealed.put
@@ -107,6 +111,8 @@ class BufferRing:
                 own.fill(self._prologue(blocks, registry), record)
                 sealed, rows, blocks = (full, own), rows + 1, blocks + 1
             fresh.begin(self._prologue(blocks, registry))
+            # The calls above may have let a signal handler append or rotate. If so, nothing changes and the caller
+            # looks again.
             if self.active is full and full.end == end and self.registry is registry:  # no call between
                 self._blocks = blocks
                 self._sealed_rows = rows
@@ -118,6 +124,7 @@ class BufferRing:
         finally:
             self._rotating = is_nested
             if not is_used:
+                # Invalid again: two buffers with one block number would be the same rows twice for a recovery.
                 fresh.map[0] = 0
                 free += (fresh,)
         return is_used or own is None

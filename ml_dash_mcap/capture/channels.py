@@ -1,4 +1,4 @@
-"""What is fixed about a topic when it is opened: its number, kind, metadata, encoding, and perhaps its schema."""
+"""The fixed properties of a topic: its number, kind, metadata, encoding, and perhaps its schema."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many rows at once, given as columns, to Message records."""
+"""Encodes many rows that are given as columns into Message records."""
 
 from __future__ import annotations
 
@@ -89,11 +89,12 @@ def _times(times_s: Any, topic: str) -> npt.NDArray[np.float64]:
             f"append_columns() on topic {topic!r}: _ts[{row}]={times[row]!r} is not a time stamp; it must be finite,"
             f" 0 or more, in seconds{unit_hint(times[row]) if clock.END_S <= times[row] < np.inf else ''}"
         )
+    # -0.0 + 0.0 is 0.0: a row has no time stamp with a sign, whichever way it was appended.
     return times + 0.0
 
 
 def _kind(times: npt.NDArray[Any]) -> str:
-    """Return of what kind times are that are no numbers, and how to make seconds of them."""
+    """Describe times that are not numbers, and how to convert them to seconds, for an error message."""
     if times.dtype.kind in "mM":
         return f"{times.dtype}{seconds_hint(times)}"
     hint = seconds_hint(times[0])

@@ -1,4 +1,4 @@
-"""Columns of any kinds as rows, one by one."""
+"""Checks columns of any kind, and takes single rows out of them."""
 
 from __future__ import annotations
 
@@ -41,9 +41,11 @@ def checked(name: str, column: Any, count: int, topic: str, within: str = "") ->
         raise FieldError(f"{what} has {len(column)} rows, but _ts has {count}")
     if isinstance(column, np.ndarray):
         return column
+    # Exact types: a subclass of int, such as an enum, has its own way to be stored.
     kinds = set(map(type, column))
     if len(kinds) == 1 and kinds <= _LIKE_NUMBERS:
         array = np.array(column)
+        # numpy makes floats of integers that fit no 64-bit type together, which would round them.
         return column if array.dtype.kind not in "fiub" or (kinds == {int} and array.dtype.kind == "f") else array
     return column
 
@@ -81,13 +83,13 @@ def leaves(columns: Mapping[str, Any]) -> Iterator[Any]:
 
 
 def fields(columns: Mapping[str, Any], row: int) -> dict[str, Any]:
-    """Return the fields of one row of checked columns; those that are masked as a whole are not there."""
+    """Return the fields of one row of checked columns, without the fields whose whole value is masked."""
     values = {name: _value(column, row) for name, column in columns.items()}
     return {name: value for name, value in values.items() if value is not _ABSENT}
 
 
 def _value(column: Any, row: int) -> Any:
-    """Return a row's value; `_ABSENT` where it is masked as a whole, or a dict would be empty."""
+    """Return the value of a row; `_ABSENT` if the whole value is masked, or if it is a dict that would be empty."""
     if isinstance(column, dict):
         return fields(column, row) or _ABSENT
     if isinstance(column, np.ma.MaskedArray) and _is_masked(np.ma.getmaskarray(column)[row]):
@@ -96,7 +98,7 @@ def _value(column: Any, row: int) -> Any:
 
 
 def _is_masked(mask: Any) -> bool:
-    """Whether a row's mask covers all of it, and there is something to be covered."""
+    """Whether the mask of a row covers the whole value, and the value is not empty."""
     if mask.dtype.names:
         return all(_is_masked(mask[name]) for name in mask.dtype.names)
     return bool(mask.size) and bool(mask.all())

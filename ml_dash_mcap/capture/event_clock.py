@@ -1,4 +1,4 @@
-"""Which clock the tracks run on, learned from their rows; events from before the first of them follow that clock."""
+"""Learns from the tracks' rows which clock they run on, and moves earlier events onto that clock."""
 
 from __future__ import annotations
 

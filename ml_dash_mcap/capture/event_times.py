@@ -1,4 +1,4 @@
-"""Events that were stamped with the wall clock before the tracks turned out to run on another clock."""
+"""Moves events that have wall-clock times onto the tracks' clock, where the tracks turn out to have another one."""
 
 from __future__ import annotations
 

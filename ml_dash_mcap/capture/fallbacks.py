@@ -1,4 +1,4 @@
-"""What the writer does a slower way after the fast way failed, counted by what failed."""
+"""Counts how often the writer took a slower way because the fast way failed."""
 
 from __future__ import annotations
 

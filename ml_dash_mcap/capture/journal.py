@@ -64,6 +64,7 @@ class Journal(BufferRing):
         """
         if self._fits_no_buffer(len(record)):
             return self._add_large(record, topic, last_s)
+        # The opcode is put apart from the rest and last, so that a recovery never sees half a record.
         tail = record[1:]
         taken = self.room.until(lambda: self._put_row(tail, last_s), topic, 1)
         self.room.give_way()
@@ -78,6 +79,7 @@ class Journal(BufferRing):
             if end <= active.limit:  # no call between
                 memory = active.map
                 memory[start + 1 : end] = tail
+                # Opcode 5, Message.
                 memory[start] = 5
                 active.end = end
                 if last_s is not None:
@@ -201,6 +203,7 @@ class Journal(BufferRing):
                 f"append() on topic {topic!r}: the row has {len(record)} bytes, more than the whole backlog of"
                 f" {self.options.backlog_bytes} bytes; set backlog_bytes= higher"
             )
+        # Two counters, each changed by one side only: appending threads take, the writer gives back.
         has_room = lambda: self._large_taken - self._large_given_back + size <= self.options.backlog_bytes  # noqa: E731
         if not self.room.until(has_room, topic, 1):
             return False

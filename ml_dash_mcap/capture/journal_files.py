@@ -16,6 +16,7 @@ from ..store.session_lock import SessionLock
 from .buffer import Buffer
 from .session_record import SessionRecord, buffer_path
 
+# Files here are memory that outlives the process, and writing to them waits for no disk.
 _SHARED_MEMORY = Path("/dev/shm")
 
 
@@ -96,6 +97,7 @@ class JournalFiles:
         Raises:
             OSError: There is no room for it.
         """
+        # The time makes the name unique in this session: several threads may append large rows at once.
         return Buffer(self._path(f"large{time.monotonic_ns()}"), size, is_large=True)
 
     def remove(self) -> None:
@@ -125,8 +127,10 @@ def _check_room(place: Path, size: int) -> None:
     """
     if hasattr(os, "statvfs"):
         status = os.statvfs(place)
+        # Some file systems report no size at all; posix_fallocate() has the last word there.
         if status.f_blocks and size > status.f_bavail * status.f_frsize:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(place))
+    # The limit of /dev/shm may exceed the memory that is free, and the system would then kill a process to get it.
     if place == _SHARED_MEMORY and size > _available_memory():
         raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM), str(place))
 

@@ -1,4 +1,4 @@
-"""Rows of one topic and one time stamp within a block become a single row.
+"""Merges the rows of one topic and one time stamp within a block into a single row.
 
 Rows of different blocks are left to the reader: a recovery tells blocks by their number, so no row may change blocks.
 """
@@ -133,6 +133,7 @@ class _FormKeys:
 
     def are_disjoint(self, channel: int, forms: list[int]) -> bool:
         """Whether no two rows of these forms have a field in common; False where a form is not known."""
+        # The same few combinations of forms come again and again, so their answers are kept for the block.
         key = (channel, *forms)
         answer = self._answers.get(key)
         if answer is None:
@@ -143,6 +144,8 @@ class _FormKeys:
 
 def _same_times(codec: Codec, payloads: Sequence[bytes], cuts: Sequence[int]) -> list[list[int]]:
     """Return which encoded rows have exactly the same time stamp, two or more, each by its place, in order."""
+    # Rows of one nanosecond may have different doubles as time stamps. Encoded rows end with the time stamp, so equal
+    # tails prove equal doubles without decoding.
     tail = payloads[0][cuts[0] :]
     if all(payload[at:] == tail for payload, at in zip(payloads, cuts, strict=True)):
         return [list(range(len(payloads)))]
@@ -165,6 +168,7 @@ def _groups(rows: Rows, codecs: Mapping[int, Codec]) -> list[list[int]]:
 
 def _runs(order: npt.NDArray[np.intp], is_like_previous: npt.NDArray[np.bool_]) -> Iterator[list[int]]:
     """Yield the numbers in `order` of rows that are like each other, two or more."""
+    # +1 where a run begins, -1 where it ends. Flag i is about rows i and i + 1, so a run has one row more than flags.
     edges = np.diff(np.concatenate(([False], is_like_previous, [False])).astype(np.int8))
     numbers = order.tolist()
     for first, last in zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True):
@@ -173,4 +177,5 @@ def _runs(order: npt.NDArray[np.intp], is_like_previous: npt.NDArray[np.bool_]) 
 
 def _are_disjoint(keys: list[frozenset[str]]) -> bool:
     """Whether no key but the time stamp is in two of the sets."""
+    # Every set has the time stamp: the sum counts it len(keys) times, the union once.
     return len(frozenset().union(*keys)) == sum(map(len, keys)) - len(keys) + 1

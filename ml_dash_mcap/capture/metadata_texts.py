@@ -1,4 +1,4 @@
-"""What users tell about a recording and its topics, as the texts of metadata records."""
+"""Makes the texts of metadata records from what users tell about a recording and its topics."""
 
 from __future__ import annotations
 
@@ -46,6 +46,7 @@ def parameter_text(name: str, value: Any) -> str:
     text_of("the parameter's name", name)
     try:
         text = dumps(value, plain)
+        # orjson writes NaN and infinity as null, as it does None. So only a text with null has to be written again.
         return text.decode() if b"null" not in text else json.dumps(value, default=plain_list)
     except Exception as error:  # what a foreign object's own methods raise
         raise FieldError(f"parameter {name!r}: a {type(value).__qualname__} cannot be stored: {error}") from error

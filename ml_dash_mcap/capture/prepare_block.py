@@ -1,4 +1,4 @@
-"""A sealed buffer made ready for the sinks: its rows shaped, merged and numbered."""
+"""Prepares a sealed buffer for the sinks: shapes, merges and numbers its rows."""
 
 from __future__ import annotations
 
@@ -74,6 +74,7 @@ class BlockPreparer:
         if not block.starts:
             return PreparedBlock(self._next_block, None, metadata=metadata, clock=self._event_clock.clock)
         tracks = self._tracks()
+        # These two learn from each block, so they must see it once only, even if the rest is tried again.
         if self._begun is None or self._begun[0] is not block:
             rows, is_elsewhere = self._event_clock.follow(pack(block), tracks)
             self.steps.look(rows, tracks)
@@ -101,6 +102,7 @@ class BlockPreparer:
 
     def _tracks(self) -> npt.NDArray[np.bool_]:
         """Return, by channel id, whether it is a track, whose rows of the same time merge."""
+        # A copy, because other threads may open topics while this iterates.
         channels = list(self._channels.items())
         tracks = np.zeros(max(number for number, _ in channels) + 1, np.bool_)
         for number, info in channels:
@@ -115,6 +117,7 @@ class BlockPreparer:
             merged = merge_same_time(rows, codecs, forms, self._forms.keys_of, lambda *note: notes.append(note))
         except Exception as error:
             self.fallbacks.note("merging the rows of a block", error)
+            # The failed attempt may have noted some merges already; they are noted again below.
             notes = []
             merged = merge_each(rows, codecs, self._note_unmerged, lambda *note: notes.append(note))
         for note in notes:

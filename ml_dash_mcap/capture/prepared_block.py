@@ -1,4 +1,4 @@
-"""What the writer thread hands to the sinks: the rows of one buffer, shaped, merged and numbered."""
+"""The block that the writer thread hands to the sinks: the rows of one buffer, shaped, merged and numbered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an append does while the backlog is full: wait, refuse the row and count it, or raise."""
+"""Finds room for an append when the backlog is full: waits, or refuses the row and counts it, or raises."""
 
 from __future__ import annotations
 
@@ -39,6 +39,7 @@ class Room:
                 self._ring.check_open()
                 if put():
                     return True
+                # Asked under the lock, so that it is the failure that kept this attempt from finding room.
                 failure = self.failure()
                 is_refused = self._ring.cannot_wait or (rows is not None and self._may_refuse(failure))
                 if rows is not None and is_refused:

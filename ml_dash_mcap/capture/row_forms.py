@@ -1,4 +1,4 @@
-"""The form of each row of a block, by which rows are merged without being decoded and schemas are learned."""
+"""Tells the form of each row of a block, so that rows merge without being decoded and schemas are learned."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class RowForms:
         self._forms: dict[Codec, BlockForms] = {}
 
     def shapes_of(self, numbers: Iterable[int]) -> dict[int, Shape]:
-        """Return the shape of the rows so far of those of some channels whose schema is inferred."""
+        """Return the shape of all rows so far by channel, for the channels among `numbers` whose schema is inferred."""
         shapes = {number: self._shape_of(number) for number in numbers if self._channels[number].is_inferred}
         return {number: shape for number, shape in shapes.items() if shape is not None}
 
@@ -85,6 +85,7 @@ class RowForms:
         forms = np.full(len(rows), UNKNOWN_FORM, np.int32)
         for first, last in rows.uniform:
             number = int(rows.channels[first])
+            # Rows of append_columns() are known to be of one form: the first one stands for all.
             forms[first:last] = self._of(number).learn(number, rows.payload(first))
             is_pending[first:last] = False
         is_long = is_pending & (rows.ends - rows.starts >= LONG_ROW_BYTES)

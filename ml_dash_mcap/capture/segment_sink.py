@@ -1,4 +1,4 @@
-"""Prepared blocks to the segments of a session: chunked, compressed, written, with a new segment when it is time."""
+"""Writes prepared blocks into segments: chunks and compresses them, and begins a new segment when it is time."""
 
 from __future__ import annotations
 
@@ -60,6 +60,7 @@ class SegmentSink:
         self._next_block = next_block
         """Number of the next block with rows; recovery tells by it which blocks are in a file."""
         self._options = options
+        # With small buffers no topic would ever reach 32 KiB in a block; a sixteenth of a buffer counts as much there.
         self._own_chunk_bytes = min(_OWN_CHUNK_BYTES, options.chunk_bytes // 16)
         self._about: dict[str, str] = {}
         self._fallbacks = fallbacks
@@ -103,6 +104,7 @@ class SegmentSink:
         self._begins_segment = False
         while self._metadata:
             self._write_metadata(self._metadata[0])
+            # Removed only after it was written, so that a retry writes the rest and none twice.
             del self._metadata[0]
         if block.rows is not None:
             self._write_rows(block, block.rows)
@@ -137,6 +139,7 @@ class SegmentSink:
         """Return a segment that has a channel and a wide enough schema for each row, a new one if need be."""
         segment = self._ensure_segment()
         grown = {number: self._schema_record(block, number, segment.schema_space(number)) for number in block.channels}
+        # Readers take the first schema of a channel in a file. So a schema grows where it lies, or in the next file.
         if any(space < len(record) for number, record in grown.items() if (space := segment.schema_space(number))):
             self.finish_segment()
             segment = self._ensure_segment()
@@ -156,6 +159,7 @@ class SegmentSink:
         record = info.schema_record(schema)
         if shape is None:
             return record
+        # `space` is that of the whole record, of which only the schema's text is padded.
         length = space - (len(record) - len(schema)) if space else 2 * len(schema) + _SPARE_BYTES
         if length < len(schema):
             return record
@@ -166,7 +170,7 @@ class SegmentSink:
             return record
 
     def _schema(self, info: ChannelInfo, codec: Codec, shape: Shape | None) -> bytes:
-        """Return the schema of rows of a shape; a schema that tells less where that fails."""
+        """Return the schema of rows of a shape. If a full schema cannot be made, the schema describes fewer fields."""
         for part in (None,) if shape is None else (shape, NOTHING, None):
             try:
                 return codec.schema(part, info.topic)
@@ -186,6 +190,7 @@ class SegmentSink:
     def _ensure_segment(self) -> Segment:
         while self._segment is None:
             self._number += 1
+            # Another recorder of this folder may have begun in the same microsecond and have the name.
             path = segment_path(self.folder, self._stamp, self._number)
             try:
                 self._segment = Segment.create(path, self._about["library"], self._describe())

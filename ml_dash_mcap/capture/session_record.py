@@ -1,4 +1,4 @@
-"""What a session file tells: written when a recorder opens a folder, read by a recovery after a crash."""
+"""The content of a session file: written when a recorder opens a folder, read by a recovery after a crash."""
 
 from __future__ import annotations
 
@@ -73,6 +73,7 @@ class SessionRecord:
 
     def buffer_paths(self) -> list[Path]:
         """Return the session's buffers; a session file from outside may name those of others, who may be alive."""
+        # The buffers are deleted after a recovery, so a file from outside must not name any but this session's.
         folder, _, name = self.journals.rpartition("/")
         if not self.session.isalnum() or name != JOURNAL_FILE.format(session=self.session, number="*"):
             return []

@@ -1,4 +1,4 @@
-"""What takes part in a recording beside its file: the protocol of a sink, and what a sink is told and given."""
+"""The protocol of a sink, which takes the rows of a recording beside its file, and what a sink is told."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Time that steps back on a topic, counted while rows come in; rows of one time that merge across such a step."""
+"""Counts where time steps back on a topic, and which rows of one time merge across such a step."""
 
 from __future__ import annotations
 
@@ -78,6 +78,7 @@ class TimeSteps:
         channels, times = rows.channels[order], rows.times[order]
         firsts = np.flatnonzero(np.diff(channels, prepend=-1))
         lasts = np.append(firsts[1:], len(times)) - 1
+        # Sorted by channel, the row before a channel's first row is of another channel; these are replaced below.
         previous = np.concatenate((times[:1], times[:-1]))
         first_times = zip(channels[firsts].tolist(), times[firsts].tolist(), strict=True)
         previous[firsts] = [self._last_ns.get(number, time_ns) for number, time_ns in first_times]
@@ -87,6 +88,7 @@ class TimeSteps:
         if not is_step.any():
             return
         self._passes = np.empty(len(rows), np.int64)
+        # The number of steps so far: rows of one channel with different numbers have a step between them.
         self._passes[order] = np.cumsum(is_step)
         for number in np.unique(channels[is_step]).tolist():
             steps_ns = by_ns[is_step & (channels == number)]
@@ -132,6 +134,7 @@ class TimeSteps:
 
     def _hidden(self, merged: Rows) -> Iterable[int]:
         """Return the channels with a step back, and those whose last row in the file is not the last row appended."""
+        # unique() returns first indices, so on the reversed array the last row of each channel.
         numbers, at = np.unique(merged.channels[::-1], return_index=True)
         last_ns = merged.times[::-1][at]
         for channel, time_ns in zip(numbers.tolist(), last_ns.tolist(), strict=True):

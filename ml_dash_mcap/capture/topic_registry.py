@@ -1,4 +1,4 @@
-"""The topics of one recorder: each is registered once, with a number of its own."""
+"""Registers each topic of a recorder once, and gives it a number of its own."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from .channels import ChannelInfo
 from .journal import Journal
 from .metadata_texts import topic_texts, write_metadata
 
+# Channel ids have 16 bits in MCAP, and schema id 0 means no schema.
 _MAX_TOPICS = 65_535
 
 
@@ -70,6 +71,7 @@ class TopicRegistry:
 
     def names(self, kind: str) -> list[str]:
         """Return the names of the open topics of a kind, sorted."""
+        # A copy, because other threads may open topics while this iterates.
         return sorted(name for topic_kind, name in list(self._topics) if topic_kind == kind)
 
     def open(self, name: str, kind: str, make: Callable[[ChannelInfo], Any], about: TopicAbout) -> Any:

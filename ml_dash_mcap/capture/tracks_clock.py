@@ -1,4 +1,4 @@
-"""Whether the tracks' time stamps are those of the wall clock, told while they come in."""
+"""Tells, while rows come in, whether the tracks' time stamps are those of the wall clock."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ class TracksClock:
             wall: The wall clock, in seconds.
         """
         self._wall = wall
+        # One tuple, so that a thread never reads the moment of one look and the time stamp of another.
         self._last_look: tuple[float, float | None] = (wall(), None)
         """When somebody looked, and the latest time stamp then, both in seconds."""
         self._is_now = True

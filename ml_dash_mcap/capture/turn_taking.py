@@ -1,4 +1,4 @@
-"""Who runs Python while a thread appends at full speed: that thread, or the writer.
+"""Lets the writer thread and a thread that appends at full speed take turns at running Python.
 
 A thread that appends without a pause holds the interpreter lock all the time. The writer has to ask for the lock, and
 gets it after the switch interval, 5 ms, each time, while the appender stands still for a moment. So the two take turns.

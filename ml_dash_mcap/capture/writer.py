@@ -76,6 +76,8 @@ class Writer:
         self._give_up_at = float("inf")
         self._last_sync = self._last_seal = time.monotonic()
         segments.compress = _Alongside(segments.compress, journal.turns)
+        # A daemon: at exit Python first waits for all other threads, and only then closes a recorder that is still
+        # open. This thread would wait for that close.
         self._thread = threading.Thread(target=self._run, name="ml_dash_mcap writer", daemon=True)
         self._thread.start()
 
@@ -95,6 +97,7 @@ class Writer:
             ticket = self._requested
             self._journal.mark(ticket)
             while self._done < ticket:
+                # With a timeout, because a writer that fails or dies wakes nobody.
                 self._progress.wait(_POLL_S)
                 if self._done < ticket:
                     self._raise_failure()
@@ -166,6 +169,7 @@ class Writer:
         self._journal.tracks_clock.look(self._journal.last_s)
         self._journal.seal_within(_LOCK_PATIENCE_S)
         interval = self._journal.options.sync_interval_s
+        # Up to half a tick early, rather than nearly a whole tick late.
         if interval and now - self._last_sync >= interval - self._tick_s() / 2:
             self._last_sync = now
             self._journal.mark(_SYNC, is_awaited=False)
@@ -179,6 +183,7 @@ class Writer:
 
     def _write(self, buffer: Buffer) -> None:
         self._write_block(buffer)
+        # Counted before recycling, which empties `starts`.
         self.rows_written += len(buffer.starts)
         self._journal.recycle(buffer)
 
@@ -186,6 +191,7 @@ class Writer:
         block = buffer.block()
         prepared = self._persist(lambda: self._preparer.prepare(block))
         self._persist(lambda: self._segments.write(prepared))
+        # Only now: a block that could not be written is prepared again, and its counts with it.
         self._preparer.steps.commit()
         self._sinks.offer(prepared)
 
@@ -208,9 +214,11 @@ class Writer:
                 if self.failure is None:
                     _log.error("cannot write the recording in %s: %r", self._segments.folder, error)
                 self.failure = error
+                # A full disk leaves the segment good. After any other error its state is unknown: a new one begins.
                 if isinstance(error, OSError) and error.errno not in _DISK_IS_FULL:
                     self._segments.set_aside()
                 if time.monotonic() + pause > self._give_up_at:
                     raise
+                # Closing ends a pause early, once; an event that is set no longer waits at all.
                 time.sleep(pause) if self._stopping.is_set() else self._stopping.wait(pause)
                 pause = min(2 * pause, _LAST_RETRY_S)

@@ -1,4 +1,4 @@
-"""The attachments of one MCAP file: where they lie, by its index or by a scan, and their bytes."""
+"""Finds the attachments of one MCAP file, by its index or by a scan, and reads their bytes."""
 
 from __future__ import annotations
 
@@ -78,6 +78,7 @@ def data(file: IndexedFile, entry: AttachmentEntry) -> bytes:
     head = ATTACHMENT_HEAD.read(fields, offset=at, length=length)
     data = fields.raw(head.data_size)
     checked = memoryview(record)[PREFIX_BYTES : fields.at]  # later versions may add fields behind it
+    # 0 stands for no checksum.
     expected = fields.u32()
     if expected and crc32(checked) != expected:
         raise DamagedFileError(

@@ -1,4 +1,4 @@
-"""What is true of a file by its own records, and what its indexes and statistics say wrongly."""
+"""Compares a file's indexes and statistics with its records, and notes what they say wrongly."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def span(file: McapFile) -> tuple[int, int] | None:
 
 
 def settle(file: McapFile) -> None:
-    """Make a file's index true if its summary says how many messages there are, or when, in two ways that differ.
+    """Correct a file's index if two parts of its summary disagree on the number or the times of the messages.
 
     That reads the whole file, once; every file whose summary agrees with itself is left alone.
     """
@@ -59,7 +59,7 @@ def settle(file: McapFile) -> None:
 
 
 def survey(file: McapFile) -> None:
-    """Make the times true that a file's index says of its chunks, by their message indexes; once.
+    """Correct the times that a file's index states for its chunks, by their message indexes. Happens once a file.
 
     Whoever reads everything in the order of time needs that. Our own recorder's files are left alone.
     """
@@ -91,6 +91,7 @@ def _are_times_right(source: ByteSource, chunk: Chunk, limits: Limits) -> bool:
             return False
         size = int.from_bytes(data[at + _HEAD_BYTES - 4 : at + _HEAD_BYTES], "little")
         count = min(size, len(data) - at - _HEAD_BYTES) // ENTRY_BYTES
+        # An entry is a time and an offset, so every second number is a time.
         times = np.frombuffer(data, np.uint64, 2 * count, at + _HEAD_BYTES)[::2]
         if count and not (chunk.start_ns <= times.min() and times.max() <= chunk.end_ns):
             return False

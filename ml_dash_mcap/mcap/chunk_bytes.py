@@ -1,4 +1,4 @@
-"""From a Chunk record to its uncompressed records, within the limits on memory.
+"""Unpacks a Chunk record into the records in it, within the limits on memory.
 
 A chunk that is over the limits is refused by `unpack`; `read_fitting` streams it, and keeps the records that fit.
 """
@@ -22,6 +22,7 @@ MOST_BYTES = 256 * MIB
 """Of a chunk that is compressed by more than `Limits.ratio`, so many uncompressed bytes are looked at."""
 MOST_RECORDS = 500_000
 """Of such a chunk, so many records are looked at: the smallest ones cost the most time for their bytes."""
+# A zstd frame says how large a window its reader must allocate. Larger windows are refused.
 _MOST_WINDOW = 64 * MIB
 _KEPT = frozenset((Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE))
 
@@ -112,6 +113,7 @@ def _unpack_zstd(packed: memoryview, size: int) -> bytes:
     announced = zstandard.frame_content_size(packed)
     if announced not in (-1, size):  # the decompressor believes the frame, whatever max_output_size says
         raise ValueError(f"its frame announces {announced} bytes, the chunk {size}")
+    # max_output_size=0 stands for no limit.
     if size == 0:
         return b""
     return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
@@ -121,6 +123,7 @@ def _unpack_lz4(packed: memoryview, size: int) -> bytes:
     import lz4.frame
 
     decompressor = lz4.frame.LZ4FrameDecompressor()
+    # One byte more than announced, to notice a frame that holds more.
     data: bytes = decompressor.decompress(packed, max_length=size + 1)
     return data
 
@@ -159,6 +162,7 @@ def read_fitting(source: ByteSource, chunk: Chunk, limits: Limits) -> FittingRec
         raise DamagedFileError(name, chunk.offset, "a chunk whose content is longer than its record")
     most = max(MOST_BYTES, limits.ratio * head.records_length)
     try:
+        # One byte more than announced, to notice a chunk that holds more.
         stream = _UnpackedStream(_pieces(source, chunk.offset + fields.at, head), min(most, head.uncompressed_size + 1))
         rest = _keep_fitting(stream, min(of_file(limits, 0).any_ratio_bytes or 0, limits.chunk_bytes))
     except DamagedFileError as error:

@@ -1,4 +1,4 @@
-"""Chunk indexes of a summary, all of one form at once: a long recording has thousands, and they hardly differ."""
+"""Reads the chunk indexes of a summary many at once: a long recording has thousands, and they hardly differ."""
 
 from __future__ import annotations
 
@@ -66,6 +66,8 @@ class ChunkIndexes:
                 yield opcode, start + at, fields
                 at += size
                 continue
+            # Chunk indexes of one length stand at equal distances, so one comparison of numpy finds a whole run of them.
+            # The stretch that is compared grows with the run, so that short runs cost little.
             same = same + 1 if head == last else 1
             last = head
             count = 1 if same < _WORTH_IT else _repeats(data, at, size, min(same * _WORTH_IT, _MOST_AT_ONCE))
@@ -154,6 +156,7 @@ def _alike(
     if len(long_enough) < _WORTH_IT:
         return
     map_bytes = _strided(data, np.dtype("<u4"))[ats[long_enough] + _MAP_BYTES_AT].astype(np.int64)
+    # Both lengths in one number, so that np.unique sees a plain array.
     forms, which, counts = np.unique(sizes[long_enough] << 32 | map_bytes, return_inverse=True, return_counts=True)
     by_form = np.split(np.argsort(which, kind="stable"), np.cumsum(counts)[:-1])
     for form, rows in zip(forms.tolist(), by_form, strict=True):
@@ -186,6 +189,7 @@ def _read(data: memoryview, form: np.dtype[np.void], ats: npt.NDArray[np.int64])
 
 def _strided(data: memoryview, form: np.dtype[Any]) -> npt.NDArray[Any]:
     """Return what would be in `data` if a record of a form began at each of its bytes."""
+    # Records begin at any byte. A view with a stride of 1 copies nothing; indexing it copies the wanted records.
     records_at_each_byte: npt.NDArray[Any] = np.ndarray((len(data) - form.itemsize + 1,), form, data, 0, (1,))
     return records_at_each_byte
 

@@ -1,4 +1,4 @@
-"""The messages in a chunk's uncompressed records: found by its message indexes, or by a scan of its records."""
+"""Finds the messages in a chunk's unpacked records, by its message indexes or by a scan of the records."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from .message_records import MESSAGE_FIXED_BYTES, MESSAGE_HEAD, MESSAGE_HEAD_BYT
 from .record_layout import PREFIX_BYTES, Bytes, record_at
 from .records import Chunk, Opcode
 
+# Opcode, length, channel id and log time of a Message; the sequence number is passed over.
 _MESSAGE_START = struct.Struct("<BQH4xQ")
 
 
@@ -192,6 +193,7 @@ def _gaps(data: bytes, messages: Sequence[Messages]) -> Iterator[tuple[int, int]
     starts = np.concatenate([np.empty(0, np.int64), *(part.offsets for part in messages)])
     ends = np.concatenate([np.empty(0, np.int64), *(part.ends for part in messages)])
     order = np.argsort(starts)
+    # The chunk's start and end count as messages, so that gap i lies between ends[i] and starts[i].
     starts, ends = np.append(starts[order], len(data)), np.insert(ends[order], 0, 0)
     if (starts < ends).any():
         raise ValueError("messages that lie in each other")
@@ -201,6 +203,7 @@ def _gaps(data: bytes, messages: Sequence[Messages]) -> Iterator[tuple[int, int]
 
 def _take_messages(data: Bytes, at: int, entries: dict[int, array[int]]) -> int:
     """Add the times and offsets of consecutive messages to `entries`; returns where the last of them ends."""
+    # One unpack a message and no call else: a chunk may hold tens of thousands.
     unpack, last = _MESSAGE_START.unpack_from, len(data) - MESSAGE_HEAD_BYTES
     while at <= last:
         opcode, length, channel_id, time_ns = unpack(data, at)
@@ -218,6 +221,7 @@ def _take_messages(data: Bytes, at: int, entries: dict[int, array[int]]) -> int:
 
 def _message_index(channel_id: int, entries: array[int]) -> MessageIndex:
     pairs = np.frombuffer(entries, np.uint64).reshape(-1, 2)
+    # Columns of the pairs would keep all of them in memory, and be slower to index.
     return MessageIndex(channel_id, pairs[:, 0].copy(), pairs[:, 1].copy())
 
 
@@ -234,6 +238,7 @@ def are_within(index: MessageIndex, chunk: Chunk) -> bool:
 
 def within(index: MessageIndex, start_ns: int, end_ns: int) -> MessageIndex:
     """Return the part of a message index whose times lie in [start_ns, end_ns]."""
+    # As uint64, because numpy 1 compares uint64 with any other integer as doubles, which rounds times.
     low, high = np.uint64(max(start_ns, 0)), np.uint64(min(max(end_ns, 0), 2**64 - 1))
     keep = (index.times_ns >= low) & (index.times_ns <= high)
     if keep.all():
@@ -251,6 +256,7 @@ def gather(data: bytes, index: MessageIndex, chunk: Chunk, path: str) -> Message
     ends = starts + PREFIX_BYTES + heads["length"].astype(np.int64)
     sound = (heads["opcode"] == Opcode.MESSAGE) & (heads["channel"] == index.channel_id)
     sound &= (heads["log_time"] == index.times_ns) & (heads["length"] >= MESSAGE_FIXED_BYTES)
+    # A length beyond the chunk may have overflowed in `ends`, so it is checked by itself.
     sound &= heads["length"] <= len(data)
     sound &= ends <= len(data)
     if not sound.all() or not _lie_apart(starts, ends):
@@ -295,6 +301,7 @@ def _heads(
     if len(index.offsets) and int(index.offsets.max()) > room:
         raise DamagedFileError(path, chunk.offset, "a message index that points behind its chunk")
     starts = index.offsets.astype(np.int64)
+    # Messages begin at any byte. A view with a stride of 1 copies nothing; indexing it copies the wanted heads.
     at_each_byte = np.ndarray((max(room + 1, 0),), MESSAGE_HEAD, data, strides=(1,))
     return at_each_byte[starts], starts
 

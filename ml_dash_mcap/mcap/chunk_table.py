@@ -1,4 +1,4 @@
-"""Where the chunks of a file lie, as arrays: a long recording has tens of thousands, of which a read wants a few."""
+"""The chunks of a file as arrays: a long recording has tens of thousands, of which a read wants a few."""
 
 from __future__ import annotations
 
@@ -66,6 +66,7 @@ class ChunkTable(Sequence[Chunk]):
         """
         numbers = np.zeros(0, NUMBERS) if numbers is None else numbers
         order = np.argsort(numbers["offset"], kind="stable")
+        # The inverse of `order`: from a chunk's place in the summary to its place in the file.
         place = np.empty(len(order), np.intp)
         place[order] = np.arange(len(order))
         self.numbers = numbers[order]
@@ -131,6 +132,7 @@ class ChunkTable(Sequence[Chunk]):
             order = np.argsort(starts, axis=1)
             edges = np.concatenate([np.take_along_axis(starts, order, 1), ends[:, None]], axis=1)
             entries = np.maximum(np.diff(edges, axis=1) - _INDEX_BYTES, 0) // ENTRY_BYTES
+            # np.add.at counts a channel as often as it comes; `total[ids] += entries` would count it once.
             np.add.at(total, np.take_along_axis(group.ids, order, 1).ravel(), entries.ravel())
         for at in self._others:
             chunk = self[at]

@@ -1,4 +1,4 @@
-"""Rows to an MCAP chunk with its message indexes."""
+"""Builds MCAP chunks with their message indexes from rows."""
 
 from __future__ import annotations
 
@@ -155,6 +155,7 @@ def pack(
         compress: How to compress them.
     """
     data, compression = compress(block), compress.name
+    # Readers refuse a chunk that unpacks to so much more than it has, ours among them (`limits.Limits`).
     if is_like_a_bomb(len(block), len(data)):
         data, compression = block, ""
     head = ChunkHead(start_ns, end_ns, len(block), zlib.crc32(block), compression, len(data))
@@ -189,6 +190,7 @@ def _joined(heads: npt.NDArray[np.void], payloads: list[Payload], sizes: npt.NDA
         return whole.reshape(-1)
     text = heads.tobytes()
     parts: list[Any] = [None] * (2 * count)
+    # Heads and payloads in turn, for one join.
     parts[0::2] = [text[at : at + MESSAGE_HEAD_BYTES] for at in range(0, len(text), MESSAGE_HEAD_BYTES)]
     parts[1::2] = payloads
     return np.frombuffer(b"".join(parts), np.uint8)

@@ -1,4 +1,4 @@
-"""What lies in the chunks of one file: their records, and where the messages of a channel are among them."""
+"""Unpacks the chunks of one file, and finds the messages of a channel in them."""
 
 from __future__ import annotations
 
@@ -61,6 +61,7 @@ class FileChunks:
         """By identity, the chunks that were asked for last, and where the message indexes of each start, sorted."""
         self._edge_count = 0
         """How many places `_edges` has."""
+        # One tuple, replaced as a whole: a thread that reads it needs no lock.
         self._latest: tuple[Chunk, MessageIndex] | None = None
         """The message index that was read last, with its chunk: a reader that looks up a time often reads it next."""
 
@@ -215,6 +216,7 @@ class FileChunks:
 
     def _room(self, chunk: Chunk, offset: int) -> int:
         """Return how long a message index can be at most: none reaches into the next one."""
+        # The chunk is kept beside its places, so that no other chunk can get its id.
         kept = self._edges.get(id(chunk))
         if kept is None:
             self._edge_count += len(chunk.message_index_offsets)

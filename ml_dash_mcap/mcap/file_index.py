@@ -1,4 +1,4 @@
-"""What a file holds, and where."""
+"""The index of an MCAP file: its schemas, channels, chunks, metadata and attachments, and where they lie."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the bytes of an MCAP file go while it is being written: to a file that grows at its end, or into memory."""
+"""The destination of an MCAP file's bytes while it is written: a file that grows at its end, or memory."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Protocol
 
 Piece = bytes | memoryview
 
+# O_BINARY: Windows would write two bytes for a newline.
 _FLAGS = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 
 
@@ -71,6 +72,7 @@ class FileOutput:
 
     def write(self, *pieces: Piece) -> None:
         """Write all pieces behind what is there, or nothing."""
+        # A write that failed may have left the position behind the end.
         os.lseek(self._descriptor, self.size, os.SEEK_SET)
         try:
             self.size += _write_all(self._descriptor, [memoryview(piece) for piece in pieces])
@@ -95,6 +97,7 @@ class FileOutput:
 
     def sync(self) -> None:
         """Wait until what was written would survive a power cut."""
+        # fdatasync leaves out the file's times, which no reader needs; macOS has fsync only.
         getattr(os, "fdatasync", os.fsync)(self._descriptor)
 
     def close(self) -> None:
@@ -109,6 +112,7 @@ def _write_all(descriptor: int, pieces: list[memoryview]) -> int:
     total = 0
     write: Callable[[int, list[memoryview]], int] = getattr(os, "writev", lambda fd, parts: os.write(fd, parts[0]))
     while pieces:
+        # Linux and macOS take at most 1024 pieces in a call (IOV_MAX).
         done = write(descriptor, pieces[:512])
         total += done
         while pieces and done >= len(pieces[0]):

@@ -1,4 +1,4 @@
-"""The messages of one MCAP file: cut out of its chunks by the indexes, or without them where they are wrong."""
+"""Reads the messages of one MCAP file: by the indexes of its chunks, or by a scan where those are wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An MCAP file being written: header, schemas, channels, chunks, attachments, metadata, and the summary at its end."""
+"""Writes an MCAP file: header, schemas, channels, chunks, attachments, metadata, and the summary at its end."""
 
 from __future__ import annotations
 
@@ -64,6 +64,7 @@ class WrittenContents:
                 offsets += records.SUMMARY_OFFSET.pack(records.SummaryOffset(opcode, start + len(summary), len(group)))
                 summary += group
         footer = records.Footer(start, start + len(summary), 0)
+        # The checksum covers the footer, too, up to the checksum itself.
         crc = zlib.crc32(summary + offsets + records.FOOTER.pack(footer)[:-4])
         return summary + offsets + records.FOOTER.pack(replace(footer, summary_crc=crc)) + records.MAGIC
 

@@ -1,4 +1,4 @@
-"""One MCAP file, opened: its bytes, its index, its metadata, and what was found wrong with it."""
+"""One opened MCAP file: its bytes, its index, its metadata, and the faults that were found in it."""
 
 from __future__ import annotations
 
@@ -147,6 +147,7 @@ class IndexedFile:
         """Return all metadata records, in the order of the file. Each is read once."""
         try:
             read = [self._read_metadata(entry) for entry in self.glance.metadata]
+        # The index was wrong and was replaced. That happens once at most, so the second try is the last.
         except ReindexedError:
             read = [self._read_metadata(entry) for entry in self.glance.metadata]
         return [record for record in read if record is not None]

@@ -1,4 +1,4 @@
-"""How much a file from outside may ask for."""
+"""Limits on the memory that a file from outside may ask for."""
 
 from __future__ import annotations
 

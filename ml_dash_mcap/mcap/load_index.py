@@ -1,4 +1,4 @@
-"""The index of a file: by its summary if it is finished, else by a scan of its records."""
+"""Loads the index of a file: from its summary if it is finished, otherwise by a scan of its records."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from .losses import Loss
 from .record_layout import PREFIX_BYTES, Fields, read_prefix
 from .records import Header, Opcode
 
+# One read that holds the magic and the header of nearly every file.
 _HEAD_BYTES = 4096
 _MOST_HEADER_BYTES = 1024 * 1024
 

@@ -1,4 +1,4 @@
-"""What damage took from a file."""
+"""The losses of one file: what could not be read because of damage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages as values: as bytes, of whatever encoding, on their way from one file to another."""
+"""Messages as values: undecoded bytes of any encoding, on their way from one file to another."""
 
 from __future__ import annotations
 

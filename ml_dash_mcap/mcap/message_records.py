@@ -1,4 +1,4 @@
-"""Message and MessageIndex records, laid out by hand: they come by the million, so numpy and one `struct` do them.
+"""The byte layout of Message and MessageIndex records, for numpy and `struct`: they come by the million.
 
 A `Layout` takes about 2 us a record; `append` as a whole takes less.
 """

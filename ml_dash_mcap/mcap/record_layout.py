@@ -1,4 +1,4 @@
-"""How the fields of an MCAP record lie one behind the other: one description, from which records are read and written.
+"""Describes the fields of an MCAP record once, for reading and for writing.
 
 "Records may be extended by adding new fields at the end of existing fields. Readers should ignore any unknown fields.":
 whatever follows the last field of a layout does not matter. (https://mcap.dev/spec, section "Records")
@@ -100,6 +100,7 @@ class Fields:
         """Read a map of 2-byte numbers to 8-byte numbers."""
         end = self._end_of_map()
         length = end - self.at
+        # iter_unpack takes whole pairs only. What is left is read below, which raises the error for it.
         pairs_end = end - length % _NUMBER_PAIR.size
         values: dict[int, int] = dict(_NUMBER_PAIR.iter_unpack(self._data[self.at : pairs_end]))
         self.at = pairs_end

@@ -64,6 +64,7 @@ class Rows:
 
     def sequences(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.uint32]:
         """Return the sequence numbers of some rows, [n]."""
+        # Numbers in records lie at any byte. Indexing with a matrix of bytes makes an aligned copy that can be viewed.
         at = (self.starts[which] + _SEQUENCE_AT)[:, None] + np.arange(4)
         numbers: npt.NDArray[np.uint32] = self.data[at].view("<u4").ravel()
         return numbers
@@ -87,11 +88,13 @@ def pack(block: SealedBuffer) -> Rows:
     runs: list[Bytes] = []
     begin, moved = block.begin, starts - block.begin
     for gap_begin, gap_end in block.gaps:
+        # A pass over all rows for each gap: gaps are few, since they come from opened topics and metadata.
         moved[starts >= gap_end] -= gap_end - gap_begin
         runs.append(block.data[begin:gap_begin])
         begin = gap_end
     runs.append(block.data[begin : block.end])
     data = runs[0] if len(runs) == 1 else np.concatenate(runs)
+    # All heads at once, as a matrix of bytes that is viewed as heads.
     heads = data[moved[:, None] + np.arange(MESSAGE_HEAD_BYTES)].view(MESSAGE_HEAD).ravel()
     return Rows(
         data,
@@ -120,6 +123,7 @@ def split(rows: Rows, own_bytes: int) -> list[Rows]:
 def taken(rows: Rows, which: npt.NDArray[np.intp]) -> Rows:
     """Return some of the rows, copied to lie one after the other."""
     block = memoryview(rows.data)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
+    # Rows that follow each other are copied in one piece.
     firsts = np.flatnonzero(np.diff(which, prepend=-2) != 1)
     lasts = np.append(firsts[1:], len(which)) - 1
     starts, ends = rows.starts[which], rows.ends[which]
@@ -149,5 +153,6 @@ def replaced(rows: Rows, keep: npt.NDArray[np.bool_], payloads: dict[int, tuple[
         times[row] = time
     lengths = np.fromiter(map(len, pieces), np.int64, len(pieces))
     piece_ends = np.cumsum(lengths)
+    # bytearray, because arrays over bytes are read-only and rows are numbered in place.
     data = np.frombuffer(bytearray(b"".join(pieces)), np.uint8)
     return Rows(data, piece_ends - lengths, piece_ends, rows.channels[keep], times[keep])

@@ -1,4 +1,4 @@
-"""The index of a file without a usable summary, by going from record to record."""
+"""Indexes a file that has no usable summary, by going from record to record."""
 
 from __future__ import annotations
 

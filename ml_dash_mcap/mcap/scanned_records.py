@@ -1,4 +1,4 @@
-"""What the records of a data section say, taken in one by one."""
+"""Collects what the records of a data section say, one record at a time."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from .message_records import ENTRY_BYTES, MESSAGE_FIELDS, MESSAGE_FIXED_BYTES, M
 from .record_layout import PREFIX_BYTES, Fields, read_prefix
 from .records import AttachmentEntry, Channel, Chunk, MetadataEntry, Opcode, Schema
 
+# The heads of several small records come with one read, and little is read in vain before a large chunk.
 _WINDOW_BYTES = 16 * 1024
 
 _LOOSE_BYTES = 4 * 1024 * 1024
@@ -115,6 +116,7 @@ class ScannedRecords:
             last = self.chunks[-1]
             self._offsets, self._counts = dict(last.message_index_offsets), dict(last.counts or {})
             counts = None if last.counts is None else self._counts
+            # The same dict, not a copy: message indexes that follow are put into it.
             self.chunks[-1] = replace(last, message_index_offsets=self._offsets, counts=counts)
 
     def take(self, opcode: int, at: int, length: int) -> None:

@@ -1,4 +1,4 @@
-"""One file of a recorder: named as in progress while it is written, given its name when it is whole."""
+"""One segment of a recorder: named as in progress while it is written, renamed when it is whole."""
 
 from __future__ import annotations
 
@@ -58,6 +58,7 @@ class Segment(FileWriter[FileOutput]):
             raise FileExistsError(path)
         segment = cls(active_path, FileOutput(active_path, os.O_RDWR | os.O_CREAT | os.O_EXCL, mode=0o644))
         try:
+            # Again, because another recorder may have finished a file of that name just before this one was created.
             if path.exists():
                 raise FileExistsError(path)
             segment.begin(library)
@@ -126,6 +127,7 @@ class Segment(FileWriter[FileOutput]):
         """
         at = self.size
         pieces = [piece for chunk in chunks for piece in (chunk.head, chunk.data, *chunk.indexes.values())]
+        # The end of the block comes last: a recovery takes a block without it for torn.
         self.output.write(metadata, *pieces, BLOCK_END.pack(BlockEnd(number)))
         if metadata:
             self.contents.metadata.append(MetadataEntry(name, at, len(metadata)))
@@ -140,11 +142,13 @@ class Segment(FileWriter[FileOutput]):
             sync: Whether to wait until the whole would survive a power cut.
         """
         data_end = self.size
+        # What a failed write left behind the end would lie in the middle of the file now.
         self.output.trim()
         self._write_stale_schemas()
         try:
             self.write_end()
             if sync:
+                # Before the rename, so that a file with its final name is whole after a power cut, too.
                 self.output.sync()
             os.rename(self.active_path, self.path)
         except BaseException:
@@ -164,4 +168,5 @@ class Segment(FileWriter[FileOutput]):
         """Put the schemas that have changed into their places, again where that failed before."""
         for number in list(self._stale_schemas):
             self.output.overwrite(self._schema_at[number], self.contents.schemas[number])
+            # Only now, so that a schema whose writing failed is written again.
             self._stale_schemas.discard(number)

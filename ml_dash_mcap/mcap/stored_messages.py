@@ -1,4 +1,4 @@
-"""A file's messages of all channels, in the order in which they are stored: for copies that decode nothing."""
+"""Yields a file's messages of all channels in the order in which they are stored, for copies that decode nothing."""
 
 from __future__ import annotations
 
@@ -71,6 +71,7 @@ def chunks(file: McapFile, wanted: Collection[int], start_ns: int = 0, end_ns: i
     """
     if start_ns <= 0 and end_ns >= LAST_NS:
         audit.survey(file)
+    # What was yielded before the index was replaced must not come again.
     done: set[int] = set()
     while True:
         try:

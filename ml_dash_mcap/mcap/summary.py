@@ -1,4 +1,4 @@
-"""A finished file's index, from its footer and summary."""
+"""Reads a finished file's index from its footer and its summary."""
 
 from __future__ import annotations
 
@@ -68,6 +68,7 @@ def read(source: ByteSource, size: int, header: Header, footer: Footer, limits: 
     data = source.read(start, size - len(records.MAGIC) - start)
     if len(data) != end + records.FOOTER_BYTES - start:
         raise DamagedFileError(source.name, start, "the file was cut while its summary was read")
+    # The checksum is the last field of the footer, and covers the footer up to it.
     if footer.summary_crc and crc32(memoryview(data)[:-4]) != footer.summary_crc:
         raise DamagedFileError(source.name, start, "a summary whose checksum (CRC-32) does not match its content")
     contents = SummaryContents(source.name)
@@ -243,6 +244,7 @@ class SummaryContents:
         entries: list[MetadataEntry | AttachmentEntry] = [*self.metadata, *self.attachments]
         starts, stops = chunk_table.places(self.chunks)
         start = np.append(starts, np.array([entry.offset for entry in entries], np.uint64))
+        # Python's numbers may be larger than 64 bits, which numpy refuses.
         stop = np.append(stops, np.array([min(entry.offset + entry.length, _LAST) for entry in entries], np.uint64))
         order = np.argsort(start, kind="stable")
         start, stop = start[order], stop[order]

@@ -1,4 +1,4 @@
-"""What a recorder that died left behind, made whole: its unfinished segment is finished, its journal written."""
+"""Recovers what a dead recorder left behind: finishes its segments, and writes the rows of its journal."""
 
 from __future__ import annotations
 
@@ -108,9 +108,11 @@ def _recover_session(folder: Path, lock: SessionLock) -> Recovered:
         )
         return Recovered(left=[lock.path])
     done = _recover_rows(folder, record, dead_journals.read_all(buffers, record.session))
+    # A copy of a folder names the journal of the original, which still needs it.
     if original is None:
         for buffer in buffers:
             buffer.unlink(missing_ok=True)
+    # The session file goes last: as long as it is there, an interrupted recovery is done again.
     lock.remove()
     return done
 
@@ -121,6 +123,7 @@ def _recover_rows(folder: Path, record: SessionRecord, leftovers: list[Leftover]
     unfinished = list(unfinished_segments.unfinished(folder, record.session, about.pop(STAMP, "")))
     torn_bytes = sum(map(unfinished_segments.torn_chunk_bytes, unfinished))
     journaled = {leftover.block for leftover in leftovers if leftover.starts}
+    # Before the count below, which looks at finished segments only.
     finished = [unfinished_segments.finish(path, journaled) for path in unfinished]
     written, sequences = session_progress.written_so_far(folder, record.session)
     pending = [leftover for leftover in leftovers if leftover.block >= written]
@@ -129,6 +132,7 @@ def _recover_rows(folder: Path, record: SessionRecord, leftovers: list[Leftover]
         about = {"prefix": folder.name, "run": record.session, **about, "library": LIBRARY, "recovered": "true"}
         last_ns = session_progress.last_times(folder, record.session, sequences)
         finished += _write_buffers(folder, about, pending, written, sequences, last_ns)
+    # A torn chunk is lost only if the journal does not have its rows.
     return Recovered(finished, rows, lost_bytes=0 if pending else torn_bytes)
 
 
@@ -150,6 +154,7 @@ def _write_buffers(
     segments = SegmentSink(RecorderOptions(), preparer.fallbacks, {}, written)
     segments.open(SessionInfo(folder, about))
     for leftover in pending:
+        # A copy that can be changed: rows are numbered in place.
         data = np.frombuffer(bytearray(leftover.data), np.uint8)
         block = SealedBuffer(data, leftover.begin, leftover.end, leftover.starts, leftover.gaps, leftover.extras)
         segments.write(preparer.prepare(block))

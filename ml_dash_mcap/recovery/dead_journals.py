@@ -1,4 +1,4 @@
-"""The buffers that a dead recorder left behind: which they are, and what is in them."""
+"""Finds and parses the journal buffers that a dead recorder left behind."""
 
 from __future__ import annotations
 
@@ -62,6 +62,7 @@ def read_all(paths: list[Path], session: str) -> list[Leftover]:
     leftovers = [_read(path, session) for path in paths]
     return sorted(
         (leftover for leftover in leftovers if leftover is not None),
+        # A buffer of metadata only has the number of the next block with rows, and was filled before it.
         key=lambda leftover: (leftover.block, bool(leftover.starts)),
     )
 

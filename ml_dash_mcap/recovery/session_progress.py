@@ -1,4 +1,4 @@
-"""How far a session has come in its finished segments, so that a recovery goes on from there."""
+"""Tells how many blocks and rows of a session are in finished segments, where a recovery goes on."""
 
 from __future__ import annotations
 
@@ -64,6 +64,7 @@ def whole_blocks(file: McapFile) -> tuple[int, int]:
     for number in range(len(chunks), 0, -1):
         chunk = chunks[number - 1]
         at = chunk.indexes_end
+        # Padded, because the crash may have ended the file here; opcode 0 is no record.
         opcode, length = read_prefix(file.source.read(at, PREFIX_BYTES).ljust(PREFIX_BYTES, b"\0"), 0)
         if chunk.indexed and (opcode, length) == (BLOCK_OPCODE, 8):
             content = file.source.read(at + PREFIX_BYTES, length)
@@ -104,5 +105,6 @@ def _last_times_of(file: McapFile, wanted: Collection[str], rows: Mapping[str, i
             break
         for messages in file.cut(chunk, sorted(missing & chunk.message_index_offsets.keys()), 0, LAST_NS):
             if len(messages.offsets):
+                # The row that lies last, which need not be the row with the latest time.
                 last_ns[numbers[messages.channel_id]] = int(messages.times_ns[messages.offsets.argmax()])
     return last_ns

@@ -1,4 +1,4 @@
-"""The segments that a dead recorder left unfinished: what in them is whole, and their end."""
+"""Finishes the segments that a dead recorder left without their end."""
 
 from __future__ import annotations
 
@@ -72,11 +72,13 @@ def finish(path: Path, journaled: Collection[int]) -> Path:
         last = chunks[-1] if chunks else None
         rebuilt: dict[int, bytes] = {}
         size = index.end if len(chunks) == len(index.chunks) else index.chunks[kept].offset
+        # The crash came between a chunk and its message indexes, which are made again from the chunk.
         if last is not None and not last.indexed:
             scan = chunk_messages.scan(file.unpack(last), last, file.source.name)
             rebuilt = {number: _message_index(entries) for number, entries in scan.indexes.items()}
             contents.count(scan.counts)
             size = last.end
+        # The summary must not list a record behind the place where the file is cut.
         contents.metadata = [entry for entry in contents.metadata if entry.offset < size]
     finally:
         file.close()
@@ -122,6 +124,7 @@ def _is_json(schema: Schema) -> bool:
 def _bare(record: bytes) -> bytes:
     """Return a Schema record of the same length whose text tells only that messages are objects."""
     schema = SCHEMA.read(Fields(record, "", 0, PREFIX_BYTES))
+    # JSON allows spaces at its end, so the record keeps its length and nothing behind it moves.
     return record[: len(record) - len(schema.data)] + b'{"type":"object"}'.ljust(len(schema.data))
 
 
@@ -140,5 +143,6 @@ def _contents(index: FileIndex, chunks: Iterable[Chunk]) -> WrittenContents:
 
 
 def _message_index(index: MessageIndex) -> bytes:
+    # The MCAP specification has message indexes in order of time. Stable: rows of one time keep the order of writing.
     order = np.argsort(index.times_ns, kind="stable")
     return pack_message_index(index.channel_id, index_entries(index.times_ns[order], index.offsets[order]))

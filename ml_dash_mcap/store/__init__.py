@@ -1,1 +1,1 @@
-"""Where bytes lie."""
+"""The places of files: local files and folders, and object stores, read by ranges of bytes."""

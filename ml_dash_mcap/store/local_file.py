@@ -115,6 +115,7 @@ class LocalFile:
     def _read_once(self, handle: _Handle, offset: int, length: int) -> bytes:
         try:
             if hasattr(os, "pread"):
+                # pread has no position that threads would share.
                 part = os.pread(handle.descriptor, length, offset)
             else:  # Windows
                 with self._position_lock:
@@ -196,6 +197,7 @@ class _Handle:
 
 _OPEN: OrderedDict[int, weakref.ref[LocalFile]] = OrderedDict()
 """The files that hold a descriptor, those that were used last at the end."""
+# Half of what macOS allows a process by default, 256.
 _MOST_OPEN = 128
 _open_lock = threading.Lock()
 """Guards `_OPEN`."""

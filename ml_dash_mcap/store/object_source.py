@@ -85,6 +85,7 @@ class ObjectSource:
             return self._exactly(offset, end)
         first, last = offset // BLOCK_BYTES, (end - 1) // BLOCK_BYTES
         blocks = self._kept(range(first, last + 1))
+        # A read shorter than a block lies in two blocks at most.
         joined = blocks[first] if first == last else blocks[first] + blocks[last]
         return joined[offset - first * BLOCK_BYTES : end - first * BLOCK_BYTES]
 

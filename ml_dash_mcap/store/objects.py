@@ -99,10 +99,8 @@ class ObjectStore:
 
     def delete(self, name: str) -> None:
         """Remove an object; see `Store.delete`."""
-        with (
-            self._mapped(object_name(name)),
-            suppress(FileNotFoundError),
-        ):  # only some stores raise it for a missing object
+        # Only some stores raise FileNotFoundError for a missing object.
+        with self._mapped(object_name(name)), suppress(FileNotFoundError):
             self._store.delete(name)
 
     def __repr__(self) -> str:
@@ -113,9 +111,8 @@ class ObjectStore:
         try:
             with self._mapped(name):
                 result = self._store.put(name, content, mode=mode)
-        except (
-            MissingObjectError
-        ) as error:  # obstore cannot mean the object, which need not be there: it means the file
+        except MissingObjectError as error:
+            # obstore means the local file: the object need not be there.
             raise StorageError(errno.ENOENT, "cannot be copied: no such file", str(content)) from error
         return result["e_tag"] or ""
 

@@ -35,6 +35,7 @@ def in_order(
     """
     items = iter(items)
     first = list(islice(items, 2))
+    # A single item gains nothing from a thread, and most windows of a recording are one.
     if len(first) < 2 or _WORKERS < 2:
         yield from map(work, chain(first, items))
         return

@@ -1,4 +1,4 @@
-"""Which folders hold a run: the names of the files in them tell."""
+"""Tells from the names of files which folders hold a run."""
 
 from __future__ import annotations
 
@@ -39,6 +39,7 @@ def runs_below(root: Path, *, depth: int | None = None, most: int | None = None)
     """
     for folder, names, files in islice(os.walk(root), most):
         level = len(Path(folder).relative_to(root).parts)
+        # In place: os.walk goes down into the folders that are left in its list.
         names[:] = sorted(filter(_is_searched, names)) if depth is None or level < depth else []
         if holds_run(files):
             yield Path(folder)
@@ -56,6 +57,7 @@ def runs_in(store: Store, root: str) -> Iterator[tuple[str, list[StoredObject]]]
     by_folder: dict[str, list[StoredObject]] = {}
     for stored in store.list(root):
         by_folder.setdefault(stored.name.rpartition("/")[0], []).append(stored)
+    # By the parts of the path, as `runs_below` sorts: as text, "a-b" would come before "a/b".
     for folder in sorted(by_folder, key=lambda folder: folder.split("/")):
         inside = by_folder[folder]
         below = folder.removeprefix(root).strip("/")

@@ -25,6 +25,7 @@ class SessionLock:
         Raises:
             OSError: The file is there already, or the folder cannot be written.
         """
+        # O_CLOEXEC: a program that this process starts must not inherit the descriptor, and the lock with it.
         lock = cls(path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0), 0o644))
         lock._hold()
         return lock
@@ -57,6 +58,8 @@ class SessionLock:
     def _hold(self) -> None:
         assert self._descriptor is not None
         if fcntl is not None:
+            # Not lockf: its locks belong to the process. A second recorder of this process would get the lock, too,
+            # and closing any descriptor of the file would release it.
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         else:
             import msvcrt
@@ -84,5 +87,6 @@ class SessionLock:
 
     def remove(self) -> None:
         """Delete the session file and release its lock."""
+        # Deleted while it is locked, so that nobody takes the file over in between.
         self.path.unlink(missing_ok=True)
         self.release()

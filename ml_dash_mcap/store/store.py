@@ -1,4 +1,4 @@
-"""What a store does: whole objects under names, listed, read by range, and replaced on condition."""
+"""The protocol of a store: whole objects under names, listed, read by range, and replaced on condition."""
 
 from __future__ import annotations
 
