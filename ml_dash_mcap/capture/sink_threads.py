@@ -168,8 +168,8 @@ class SinkThreads:
         if not takers:
             return
         try:
-            # One copy for all sinks, 0.3 to 0.6 ms for 1.5 MB (docs/decisions, 0029): with a reference instead, a slow sink
-            # would keep buffers from the control loop.
+            # One copy for all sinks, 0.3 to 0.6 ms for 1.5 MB (docs/decisions, 0029). With references to the buffer, a
+            # slow sink would keep it from the control loop.
             copy = block.detached()
         except Exception as error:  # there is no memory for it
             for thread in takers:

@@ -1,4 +1,4 @@
-"""ROS 2 and DDS messages, serialised as CDR: read only."""
+"""Decodes ROS 2 and DDS messages that are serialised as CDR; nothing is recorded in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an encoding of messages does: one protocol, which the recorder, the writer thread and the readers ask."""
+"""The protocol of an encoding of messages, as the recorder, the writer thread and the readers use it."""
 
 from __future__ import annotations
 

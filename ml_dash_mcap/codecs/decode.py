@@ -1,4 +1,4 @@
-"""From a message's payload to a row."""
+"""Makes the function that decodes a channel's payloads into rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How messages become rows, as far as a caller has a say in it."""
+"""The options that a caller has for decoding messages into rows."""
 
 from __future__ import annotations
 

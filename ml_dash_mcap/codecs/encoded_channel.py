@@ -1,4 +1,4 @@
-"""A channel whose messages are to be decoded, and what its user is told of those that cannot be."""
+"""A channel whose messages are to be decoded, and the warnings about messages that cannot be decoded."""
 
 from __future__ import annotations
 

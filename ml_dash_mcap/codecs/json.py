@@ -34,6 +34,7 @@ class JsonCodec(Codec):
 
     dumps = staticmethod(orjson.dumps)
     default = staticmethod(json_text.row_value)
+    # A number: `in` then looks for a single byte of `null`.
     probe = b"n"[0]
 
     def encode_exactly(self, fields: Mapping[str, Any], topic: str) -> bytes:

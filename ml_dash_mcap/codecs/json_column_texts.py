@@ -1,4 +1,4 @@
-"""Columns of numbers as rows of JSON: each column is formatted once, its text cut at the rows, and the cuts joined.
+"""Encodes columns of numbers as JSON rows: formats a column once, cuts its text at the rows, and joins the cuts.
 
 Rows may lack fields, and fields may lie in dicts.
 """
@@ -166,6 +166,7 @@ class _Leaf:
             text = orjson.dumps(self.values, option=orjson.OPT_SERIALIZE_NUMPY)
         else:
             text = orjson.dumps(np.ma.MaskedArray(self.values, self.mask).tolist())
+        # The brackets between two rows are where the text is cut, so that no row is formatted by itself.
         return text[1 + depth : -1 - depth].split(b"]" * depth + b"," + b"[" * depth)
 
     def value(self, row: int) -> Any:
@@ -183,10 +184,13 @@ def _leaves(columns: Tree) -> Leaves:
 def _leaf(column: Any) -> _Leaf:
     values, mask = np.ma.getdata(column), np.ma.getmask(column)
     has_gaps = bool(mask.any())
+    # As doubles, because orjson spells a float32 with fewer digits than the double has that `append` would store.
+    # A masked number becomes NaN, which orjson writes as null.
     if values.dtype.kind == "f":
         values = (
             np.where(mask, np.nan, values).astype(np.float64) if has_gaps else values.astype(np.float64, copy=False)
         )
+    # orjson takes contiguous arrays in the machine's byte order only.
     values = np.ascontiguousarray(values, values.dtype.newbyteorder("="))
     if not has_gaps:
         return _Leaf(values, None, None)

@@ -1,4 +1,4 @@
-"""JSON rows, block by block, as columns: by pyarrow's reader where that loses nothing."""
+"""Reads JSON rows as columns, block by block, with pyarrow's reader where that loses nothing."""
 
 from __future__ import annotations
 
@@ -61,6 +61,7 @@ def _with_side_key(payloads: Sequence[bytes], text: bytes) -> npt.NDArray[np.int
 
 def _say_all(lines: bytes, arrays: dict[str, Any]) -> bool:
     """Whether columns have no null, no key with a dot, and no double that was written without one, as integers are."""
+    # The bytes cannot tell a key with a dot from a dict in a dict, so each key that such a name could be is looked for.
     if any(orjson.dumps(key) in lines for name in arrays for key in _keys_with_dots(name)):
         return False
     dots = 0

@@ -1,4 +1,4 @@
-"""How deep JSON is nested: who reads it calls itself for lists in lists, until there is no stack left."""
+"""Tells how deep JSON is nested: its readers call themselves for lists in lists, until there is no stack left."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ def is_within(payload: bytes, most: int) -> bool:
     """Whether no list or dict lies in more than `most` others, counted from the outermost; fast for what is short."""
     if len(payload) <= most or payload.count(b"[") + payload.count(b"{") <= most:
         return True
+    # Brackets in texts do not count, so texts are taken out first.
     marks = np.frombuffer(_TEXT.sub(b"", payload).translate(None, _NO_BRACKETS), np.uint8)
     depth = np.cumsum(np.where((marks == ord("[")) | (marks == ord("{")), 1, -1))
     return not len(depth) or int(depth.max()) <= most

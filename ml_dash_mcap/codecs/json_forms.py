@@ -1,4 +1,4 @@
-"""The forms of JSON rows that the writer asks for, told by their skeletons."""
+"""The forms of JSON rows, told by their skeletons, for the writer thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Columns as `rows.table` would make them of rows, from what pyarrow makes of lines of JSON."""
+"""Makes the columns that `rows.table` would make of rows from what pyarrow reads out of lines of JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""JSON rows, many at once, as flat Arrow columns; or nothing, where that would lose something.
+"""Reads many JSON rows at once as flat Arrow columns, or nothing where that would lose something.
 
 pyarrow's reader is an order of magnitude faster than Python objects, but it must be watched: it crashes where a line is
 `null` or nested too deep, reads a missing key like a null, and integers among fractions as doubles. The types that it
@@ -26,6 +26,7 @@ from . import json_depth, json_line_types
 from .json_line_columns import flatten
 from .json_line_types import Types
 
+# pyarrow gives a block's size 32 bits, and the block has a byte more than the text.
 _MOST_BYTES = 2**31 - 2
 
 _EXACT = f'"{EXACT_KEY}"'.encode()
@@ -43,6 +44,7 @@ _TEXT = re.compile(rb'"(?:[^"\\]|\\.)*"')
 _BLANK_DICT = re.compile(rb"\{[ \t\r\n]+\}")
 
 _MOST_DEPTH = 100
+# A shorter row has no room for brackets that would end the stack.
 _SURELY_SHALLOW_BYTES = 1000
 
 
@@ -198,6 +200,7 @@ def _decoded(payloads: Sequence[bytes]) -> list[dict[str, Any]] | None:
 
 def _some_rows(payloads: Sequence[bytes]) -> list[dict[str, Any]]:
     """Return a few rows from all over the payloads, of those that pyarrow is to read."""
+    # Rounded up, so that at most _FEW rows come.
     rows = _decoded(payloads[:: -(-len(payloads) // _FEW)])
     return [] if rows is None else [row for row in rows if EXACT_KEY not in row]
 
@@ -256,6 +259,7 @@ def _read(text: bytes, fields: list[pa.Field], unexpected: str) -> pa.Table | No
     try:
         return pj.read_json(
             pa.BufferReader(text),
+            # One block on this thread: blocks of rows are read on several threads already (`store.read_ahead`).
             pj.ReadOptions(use_threads=False, block_size=len(text) + 1),
             pj.ParseOptions(explicit_schema=pa.schema(fields), unexpected_field_behavior=unexpected),
         )

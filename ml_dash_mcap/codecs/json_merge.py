@@ -1,4 +1,4 @@
-"""JSON rows of one topic and one time stamp become one by cutting and joining their bytes; later fields win."""
+"""Merges JSON rows of one topic and one time stamp by cutting and joining their bytes; later fields win."""
 
 from __future__ import annotations
 
@@ -65,6 +65,7 @@ def _notes_by_field(exact: dict[str, dict[str, list[Any]]]) -> dict[str, dict[st
     for spelling, containers in exact.items():
         for pointer, keys in containers.items():
             if pointer:
+                # RFC 6901 escapes "/" as "~1" and "~" as "~0"; "~0" comes last, so that "~01" becomes "~1".
                 field = pointer.split("/")[1].replace("~1", "/").replace("~0", "~")
                 by_field.setdefault(field, {}).setdefault(spelling, {})[pointer] = keys
                 continue

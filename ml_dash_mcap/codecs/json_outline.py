@@ -1,4 +1,4 @@
-"""An encoded row without what lies in its lists and dicts, for rows that are too large to be decoded."""
+"""Empties the lists and dicts of an encoded row, for rows that are too large to be decoded."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ def of(payload: bytes) -> bytes:
     kept: list[bytes] = []
     for start in range(0, len(data), _AT_ONCE):
         part = plain[start : start + _AT_ONCE]
+        # Only whether the number of quotes is odd counts, so it may overflow a byte.
         in_text = (np.cumsum(part == _QUOTE, dtype=np.uint8) + is_in_text) & 1
         opens = ((part == ord("[")) | (part == ord("{"))) & (in_text == 0)
         closes = ((part == ord("]")) | (part == ord("}"))) & (in_text == 0)

@@ -1,4 +1,4 @@
-"""Which encoded rows have a shape that was seen before, told for a whole block at once.
+"""Tells for a whole block at once which encoded rows have a shape that was seen before.
 
 Decoding every row to infer a schema would keep the interpreter lock from the control loop. So a row is reduced to its
 skeleton, the bytes that are left without numbers (and without digits in text, but not in keys), and only rows with a
@@ -245,6 +245,7 @@ class Bones:
         spared = _spared(len(data), _cut_keys(at, kept), _rows_with_backslash(at, kept, starts, ends))
         if spared is not None:
             keep |= spared
+            # An offset takes 8 bytes for each byte of the block, so the old ones go first.
             del at, kept
             at, kept = _without_exponents(data, np.flatnonzero(keep), spared)
         self.kept = kept
@@ -272,6 +273,7 @@ class Bones:
         """Tell which of the skeletons of one length that start there are a given one, [N]."""
         if not skeleton:
             return np.ones(len(starts), np.bool_)
+        # A view: only the windows that are picked are copied.
         every = np.lib.stride_tricks.sliding_window_view(self.kept, len(skeleton))
         return np.asarray((every[starts] == np.frombuffer(skeleton, np.uint8)).all(axis=1))
 
@@ -349,6 +351,7 @@ def _spared(size: int, *spans: Spans) -> npt.NDArray[np.bool_] | None:
         return None
     steps = np.zeros(size + 1, np.int8)
     for firsts, lasts in spans:
+        # np.add.at, because several spans may begin at one byte, which `steps[firsts] += 1` would count once.
         np.add.at(steps, firsts, 1)
         np.subtract.at(steps, lasts + 1, 1)
     return np.asarray(np.cumsum(steps[:-1], dtype=np.int8) > 0)

@@ -1,4 +1,4 @@
-"""Protobuf messages: read only."""
+"""Decodes Protobuf messages; nothing is recorded in them."""
 
 from __future__ import annotations
 
@@ -99,6 +99,7 @@ class _Rows:
                 row[name] = value if convert_value is None else convert_value(value)
             return row
 
+        # Before its fields are looked at, because a message may contain itself.
         self._converters[descriptor.full_name] = convert
         fields += [(field.name, field.has_presence, self._of_field(field)) for field in descriptor.fields]
         return convert
@@ -117,6 +118,7 @@ class _Rows:
         if field.message_type is not None:
             return self.of(field.message_type)
         if field.enum_type is not None:
+            # Reversed, so that of several names of one number (allow_alias) the first one counts.
             names = {value.number: value.name for value in reversed(field.enum_type.values)}
             return lambda number: names.get(number, number)
         return None

@@ -1,4 +1,4 @@
-"""Whether a recording is what it should be: whole, in order, on one clock, and without holes."""
+"""Checks whether a recording is whole, in order, on one clock, and without holes."""
 
 from __future__ import annotations
 
@@ -48,6 +48,7 @@ def _damage(files: Sequence[File], errors: Sequence[DamagedFileError]) -> list[F
     """Return what is broken, and where indexes and statistics are wrong."""
     kinds: dict[str, Kind] = {str(error): "damage" for error in errors}
     for loss in (loss for file in files for loss in file.losses):
+        # An error that was raised above is among the losses, too, and counts once.
         kinds.setdefault(str(loss), "index" if loss.corrected else "damage")
     gathered = Gathering(None)
     for text, kind in kinds.items():

@@ -1,4 +1,4 @@
-"""Clocks that began again: how often, and how many rows were merged with rows of an earlier pass over their times."""
+"""Counts how often clocks began again, and how many rows were merged with rows of an earlier pass."""
 
 from __future__ import annotations
 

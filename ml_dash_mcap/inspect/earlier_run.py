@@ -1,4 +1,4 @@
-"""The clock of the latest run in a folder, which the next run must not mix with its own."""
+"""Finds the clock of the latest run in a folder, which the next run must not mix with its own."""
 
 from __future__ import annotations
 

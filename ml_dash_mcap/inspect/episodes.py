@@ -1,4 +1,4 @@
-"""A recording's episodes, from the marks that their recorders left."""
+"""Reads a recording's episodes from the marks that their recorders left."""
 
 from __future__ import annotations
 
@@ -52,6 +52,7 @@ def read(files: Sequence[File]) -> list[Episode]:
         for row in topic_rows.read(StoredTopic([file], EPISODE_TOPIC)):
             if _is_mark(row):
                 key = (row["run"], row["number"])
+                # A mark is written again when its episode changes; the last revision tells all.
                 if key not in latest or row["revision"] > latest[key]["revision"]:
                     latest[key] = row
     places = {run: place for place, run in enumerate(dict.fromkeys(run for run, _ in latest))}

@@ -1,4 +1,4 @@
-"""A field's type at a glance: one word and the lengths of its lists."""
+"""Describes a field's type in short: one word and the lengths of its lists."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gaps in a topic: where the times of its rows are too far apart."""
+"""Finds gaps in a topic: places where the times of its rows are too far apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recording at a glance, in a line of text and as a table in a notebook."""
+"""Sums up a recording in a line of text, and as a table in a notebook."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers of rows and times as text, for people who read a check."""
+"""Spells numbers of rows and times as text, for people who read a check."""
 
 from __future__ import annotations
 

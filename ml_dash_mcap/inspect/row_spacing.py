@@ -1,4 +1,4 @@
-"""How far apart a topic's rows are: the usual spacing, how much it varies, and from where on it is a gap."""
+"""Measures how far apart a topic's rows are: the usual spacing, how much it varies, and what counts as a gap."""
 
 from __future__ import annotations
 

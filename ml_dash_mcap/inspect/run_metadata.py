@@ -1,4 +1,4 @@
-"""What metadata records and statistics say of a whole recording: its run, its parameters, its times."""
+"""Reads from metadata records and statistics what a recording says of its run, its parameters and its times."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Times that are out of order in the order of writing: rows that came late, and clocks that were set."""
+"""Finds times that are out of order in the order of writing: rows that came late, and clocks that were set."""
 
 from __future__ import annotations
 
@@ -59,6 +59,7 @@ def find(times_ns: Times) -> tuple[list[Late], list[Step]]:
     start = 0
     while start < len(times_ns):
         part = times_ns[start:]
+        # The latest time before each row. Behind a step of the clock it is counted anew.
         latest = np.concatenate((part[:1], np.maximum.accumulate(part)[:-1]))
         firsts, lasts = _stretches(part < latest)
         depths = latest[firsts] - part[firsts]
@@ -87,6 +88,7 @@ def _usual(times_ns: Times) -> float:
 def _stretches(flags: Flags) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Return where runs of true flags start, and where they end (the first false one)."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    # The flags change at each edge, by turns to true and to false.
     return edges[::2], edges[1::2]
 
 

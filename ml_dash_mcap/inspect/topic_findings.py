@@ -1,4 +1,4 @@
-"""The findings of one topic, from its times and sequence numbers."""
+"""Checks one topic by its times and sequence numbers, and collects the findings."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from .writing_order import Written
 Times = npt.NDArray[np.uint64]
 
 _EPOCH_NS = np.uint64(int(clock.EPOCH_LIKE_S) * clock.NS_PER_S)
+# Sequence numbers are unsigned: a difference from here on is a step back.
 _HALF = 2**31
 _WORST = 1e12
 """Beyond any step of a clock, in s: rows that are merged are worse than all of these."""

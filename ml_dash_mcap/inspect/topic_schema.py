@@ -1,4 +1,4 @@
-"""One JSON Schema for a topic whose segments have one each."""
+"""Merges the JSON Schemas that a topic has in its segments into one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A topic at a glance, without reading its rows."""
+"""Sums up a topic without reading its rows."""
 
 from __future__ import annotations
 
@@ -103,6 +103,7 @@ def info(topic: StoredTopic) -> TopicInfo:
         description=description,
         tags=tags,
         metadata=metadata,
+        # Summing up reads all message indexes, so it is done when asked for, and once.
         _measure=functools.cache(lambda: counts.payload_bytes(StoredTopic(topic.files, topic.name))),
     )
 

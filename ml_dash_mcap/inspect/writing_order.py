@@ -1,4 +1,4 @@
-"""Topics' times and sequence numbers in the order of writing."""
+"""Reads topics' times and sequence numbers in the order of writing."""
 
 from __future__ import annotations
 

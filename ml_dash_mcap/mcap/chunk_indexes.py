@@ -66,8 +66,8 @@ class ChunkIndexes:
                 yield opcode, start + at, fields
                 at += size
                 continue
-            # Chunk indexes of one length stand at equal distances, so one comparison of numpy finds a whole run of them.
-            # The stretch that is compared grows with the run, so that short runs cost little.
+            # Chunk indexes of one length stand at equal distances, so numpy finds a whole run of them at once. The
+            # stretch that is compared grows with the run, so that short runs cost little.
             same = same + 1 if head == last else 1
             last = head
             count = 1 if same < _WORTH_IT else _repeats(data, at, size, min(same * _WORTH_IT, _MOST_AT_ONCE))

@@ -1,1 +1,1 @@
-"""From files to rows and columns: a range is planned from the indexes, fetched, decoded and merged."""
+"""Reads rows and columns from files: plans a range from the indexes, fetches it, decodes it, merges its rows."""

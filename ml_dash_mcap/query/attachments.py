@@ -1,4 +1,4 @@
-"""Files that were put inside a recording."""
+"""The files that were attached to a recording, by their names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many rows a topic has and when they start and end, reading as little as that takes."""
+"""Counts a topic's rows and finds their first and last time stamps, reading as little as that takes."""
 
 from __future__ import annotations
 
@@ -59,6 +59,7 @@ def _doubtful(topic: StoredTopic) -> ChunkPlan:
         doubtful = ~ours[chunks.files]
     else:
         doubtful = np.zeros(len(chunks), np.bool_)
+    # By start time, a chunk touches an earlier one if it starts before the latest end so far. Both are doubtful.
     ends = np.maximum.accumulate(chunks.end_ns)
     touches = np.flatnonzero(chunks.start_ns[1:] <= ends[:-1]) + 1
     doubtful[touches] = True

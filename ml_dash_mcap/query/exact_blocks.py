@@ -1,4 +1,4 @@
-"""One topic's rows as columns where columns say exactly what the rows said, and as rows elsewhere.
+"""Reads one topic's rows as columns where columns say exactly what the rows said, and as rows elsewhere.
 
 In columns a field that a row lacks looks like one that is None, an integer among fractions like a double, a key with
 a dot like a dict in a dict. Formats that give back what was recorded must tell these apart. That a block has none of

@@ -1,4 +1,4 @@
-"""Names to values that are made when they are asked for."""
+"""A read-only mapping whose values are made when they are asked for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rows of a time range and the nearest ones on both sides of it."""
+"""Widens a time range by the nearest rows on both sides of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a recording lies: paths of this machine, or names in a store."""
+"""The places of a recording's files: paths of this machine, or names in a store."""
 
 from __future__ import annotations
 
@@ -64,6 +64,7 @@ class LocalPlaces:
         files = list(dict.fromkeys(file for path in self._paths for file in self._present_at(path, is_known)))
         if len(self._paths) == 1:
             return files
+        # Backwards, because a dict keeps the last value of a key and the first path of a file is wanted.
         return list({identity(path) or path: path for path in reversed(files)}.values())[::-1]
 
     def _present_at(self, path: Path, is_known: bool) -> list[Path]:

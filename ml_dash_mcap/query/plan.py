@@ -1,4 +1,4 @@
-"""Which bytes to read: a pure function of the indexes, so that it can be tested without a file."""
+"""Plans which bytes to read: a pure function of the indexes, so that it can be tested without a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which files of a folder make a recording, and what to say of a folder that is none."""
+"""Tells which files of a folder make a recording, and explains why a folder holds none."""
 
 from __future__ import annotations
 

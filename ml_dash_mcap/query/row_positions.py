@@ -1,4 +1,4 @@
-"""Where rows lie that are asked for by their number."""
+"""Finds the time range in which the rows with some numbers lie."""
 
 from __future__ import annotations
 
@@ -44,6 +44,7 @@ def find(topic: StoredTopic, low: float, high: float, start: int, limit: int | N
     times = np.sort(topic.times(*topic_rows.to_ns_range(low, high)))
     if len(times) < _WORTH_ROWS or bool((np.diff(times) == 0).any()):  # rows may merge: numbers and messages differ
         return Place(low, high, start)
+    # A range in seconds can be cut only where neighbours lie further apart than a double and its log time can.
     apart = np.flatnonzero(np.diff(times) > np.uint64(2 * TOLERANCE_NS)) + 1
     first, last = np.searchsorted(apart, start, side="right"), np.searchsorted(apart, stop)
     begin = int(apart[first - 1]) if first else 0

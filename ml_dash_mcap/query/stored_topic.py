@@ -1,4 +1,4 @@
-"""One topic as the indexes of a recording's files have it: its channels, its chunks, the times of its messages."""
+"""One topic in the indexes of a recording's files: its channels, its chunks, the times of its messages."""
 
 from __future__ import annotations
 
@@ -85,6 +85,7 @@ class StoredTopic:
         state = [file.state for file in files]
         if not _is_same(state, self._state):
             self._state, self._plans = state, {}
+        # This state's own dict: a thread that sees a newer state makes a new one, and plans are never mixed.
         plans = self._plans
         planned = plans.get((start_ns, end_ns))
         if planned is not None:
@@ -118,6 +119,7 @@ class StoredTopic:
         first: int | None = None
         chunks = self.chunks(start_ns, LAST_NS)
         for at, chunk_start_ns in enumerate(chunks.start_ns.tolist()):
+            # Chunks come by start time, so no later one has an earlier message.
             if first is not None and chunk_start_ns > first:
                 break
             times = self.times_in(chunks[at])
@@ -132,6 +134,7 @@ class StoredTopic:
         last: int | None = None
         chunks = self.chunks(0, end_ns)
         for at in np.argsort(chunks.end_ns, kind="stable")[::-1].tolist():
+            # Here they come by end time, the latest first.
             if last is not None and int(chunks.end_ns[at]) < last:
                 break
             times = self.times_in(chunks[at])

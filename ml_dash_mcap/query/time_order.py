@@ -1,4 +1,4 @@
-"""Parts of chunks in time order, holding no more of them than overlap."""
+"""Brings parts of chunks into time order, and holds no more of them than overlap."""
 
 from __future__ import annotations
 
@@ -38,11 +38,13 @@ def in_time(chunks: Iterable[tuple[int, Sequence[P]]]) -> Iterator[list[P]]:
     """Yield groups of parts, each group later than the one before: all messages of one log time are in one group.
 
     Args:
-        found: For each chunk, by start time: the log time of its first message, and the parts cut out of it.
+        chunks: For each chunk, by start time: the log time of its first message, and the parts cut out of it.
     """
     pending: _Pending[P] = []
     number = 0
     for start_ns, parts in chunks:
+        # No later chunk begins before this one, so what lies before it is complete. The tolerance is for rows whose
+        # doubles have another order than their log times.
         ready = _before(pending, start_ns - TOLERANCE_NS)
         if ready:
             yield ready

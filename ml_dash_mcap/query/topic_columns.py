@@ -1,4 +1,4 @@
-"""One topic's rows as Arrow columns, in time order, those of one time stamp merged, chunk by chunk."""
+"""Reads one topic's rows as Arrow columns, in time order, those of one time stamp merged, chunk by chunk."""
 
 from __future__ import annotations
 
@@ -125,6 +125,7 @@ def _together(groups: Iterable[list[_CopiedMessages]]) -> Iterator[_Some]:
 
 def _width(group: list[_CopiedMessages]) -> int:
     """Return about how many fields a row has, nested ones included."""
+    # The ends of keys in JSON. In other encodings there are hardly any, and blocks do not grow for their columns.
     return group[0].payloads[0].count(b'":') if group and group[0].payloads else 0
 
 
@@ -300,6 +301,7 @@ def _times(column: Any, times_ns: npt.NDArray[np.uint64]) -> npt.NDArray[np.floa
     if column is None or not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
         return np.array(clock.to_seconds_each(times_ns.tolist()))
     if column.null_count:
+        # No log time is near -1 s, so such a row gets its log time.
         column = column.fill_null(-1)
     stated: npt.NDArray[np.float64] = zero_copy.to_numpy(column).astype(np.float64)
     others = np.flatnonzero(~time_order.is_close(stated, times_ns))

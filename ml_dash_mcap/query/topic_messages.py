@@ -1,4 +1,4 @@
-"""One topic's messages out of many chunks and files, in time order."""
+"""Reads one topic's messages out of many chunks and files, in time order."""
 
 from __future__ import annotations
 
@@ -46,6 +46,7 @@ class Cut:
     @property
     def written(self) -> npt.NDArray[np.int64]:
         """Numbers that grow in the order of writing, over all chunks and files."""
+        # Chunk and place in it in one number, by which numpy sorts.
         return (self.rank << 32) + self.messages.offsets
 
     def pick(self, which: npt.NDArray[np.intp]) -> Cut:

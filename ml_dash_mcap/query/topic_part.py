@@ -1,4 +1,4 @@
-"""The part of a topic that is asked for: a time range, some columns, some of the rows."""
+"""The part of a topic that a caller asks for: a time range, some columns, some of the rows."""
 
 from __future__ import annotations
 

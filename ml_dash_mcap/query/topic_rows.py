@@ -1,4 +1,4 @@
-"""One topic's rows: decoded, in time order, those of one time stamp merged."""
+"""Reads one topic's rows: decoded, in time order, those of one time stamp merged."""
 
 from __future__ import annotations
 
@@ -222,6 +222,7 @@ def _lose(origin: MessageOrigin, payload: bytes, time_ns: int, error: Exception)
         origin.file.source.name, origin.chunk.offset, f"{what} {origin.channel.message_encoding}: {error}"
     )
     lost.__cause__ = error
+    # The hash tells a chunk's messages apart without keeping their bytes.
     origin.file.lose_message(lost, origin.channel.id, hash((time_ns, payload)))
 
 
@@ -276,5 +277,6 @@ def merge_same(rows: Iterable[Row]) -> list[Row]:
 
 
 def _time_last(row: Row) -> Row:
+    # Taken out and put in again, because a dict keeps the place of a key, and the time stamp is the last one.
     row[TIME_KEY] = row.pop(TIME_KEY)
     return row

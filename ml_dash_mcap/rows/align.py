@@ -1,4 +1,4 @@
-"""Tables of several topics as one table on one clock."""
+"""Brings the tables of several topics onto one clock, as one table."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Places = npt.NDArray[np.intp]
 
+# 4 GiB of doubles.
 _LONGEST_GRID = 2**29
 
 
@@ -45,6 +46,7 @@ def grid(start: float, end: float, hz: float) -> Floats:
     steps = (end - start) * hz
     if steps > _LONGEST_GRID:
         raise AlignmentError(f"hz={hz!r} from {start!r} to {end!r} s makes {steps:.3g} times; set start= and end=")
+    # One more than there are steps, and one in case the product was rounded down; what lies beyond the end is cut off.
     times: Floats = start + np.arange(math.floor(steps) + 2) / hz
     times = times[times <= end + 2 * np.spacing(abs(end))]
     return np.minimum(times, end)  # rounding may have led a little beyond
@@ -119,6 +121,7 @@ class _Near:
         last = np.searchsorted(rows, times, side="right") - 1
         has_last = last >= 0
         before = np.maximum(last, 0)
+        # So that a time behind the last row has a row after it, infinitely late.
         padded = np.append(rows, math.inf)
         is_hit = has_last & (padded[before] == times)
         following = np.where(is_hit, last, last + 1)
@@ -241,6 +244,7 @@ def _to_arrow(rows: Floats, usable: Flags, is_number: Flags) -> Any:
         usable[usable] = is_number
         return pa.chunked_array([pa.array(values, mask=~usable)])
     array = pa.array(rows.reshape(-1), mask=None if is_number.all() else ~is_number.reshape(-1))
+    # From the innermost dimension outwards. The outermost one is added below, where rows may be missing.
     for size in shape[:0:-1]:
         array = pa.FixedSizeListArray.from_arrays(array, size)
     if usable.all() and len(shape) == 1:

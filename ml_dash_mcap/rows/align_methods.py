@@ -1,4 +1,4 @@
-"""Which method brings which column onto another clock."""
+"""The choice of the method that brings each column onto another clock."""
 
 from __future__ import annotations
 

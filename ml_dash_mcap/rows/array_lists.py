@@ -1,4 +1,4 @@
-"""The arrays of rows as an Arrow column of lists."""
+"""Converts the arrays of rows into an Arrow column of lists."""
 
 from __future__ import annotations
 
@@ -52,6 +52,7 @@ def _elements(present: Sequence[Any], dtype: np.dtype[Any]) -> pa.Array:
     if any(np.ma.is_masked(array) for array in present):
         mask = np.concatenate([np.ma.getmaskarray(array).reshape(-1) for array in present])
         return pa.array(numbers, mask=mask)
+    # Arrow has a bit for a boolean and numpy a byte, so booleans are converted.
     return pa.array(numbers) if dtype.kind == "b" else zero_copy.to_arrow(numbers)
 
 

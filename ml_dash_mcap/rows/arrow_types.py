@@ -1,4 +1,4 @@
-"""Shapes as Arrow types, and the shapes of Arrow types and arrays."""
+"""Converts shapes into Arrow types, and Arrow types and arrays into shapes."""
 
 from __future__ import annotations
 
@@ -93,6 +93,7 @@ def _has_nul(array: pa.Array) -> bool:
     if data is None:
         return False
     offsets = np.frombuffer(places, np.int32)
+    # In UTF-8 only NUL has a byte 0.
     letters = np.frombuffer(data, np.uint8)[offsets[array.offset] : offsets[array.offset + len(array)]]
     return not letters.all()
 

@@ -1,4 +1,4 @@
-"""Rows with nested dicts as rows with dotted names."""
+"""Flattens rows with nested dicts into rows with dotted names."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ def flatten(row: Mapping[str, Any], time_name: str) -> Row:
         row: Fields as they were given, and `_ts`.
         time_name: What to call the time stamp, such as "timestamp".
     """
+    # Most rows have no dict in them, and are copied without a look at each field.
     if time_name == TIME_KEY and dict not in map(type, row.values()):
         return {TIME_KEY: row[TIME_KEY], **row}
     if time_name not in row and dict not in map(type, row.values()):

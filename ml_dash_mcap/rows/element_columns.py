@@ -1,4 +1,4 @@
-"""Lists as one column for each element: which columns, their names, and their values."""
+"""Splits lists into a column for each element: which columns, their names, and their values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Any row as one of plain values: None, numbers, text, bytes, lists, dicts, and arrays where an encoding has them."""
+"""Converts any row into plain values: None, numbers, text, bytes, lists, dicts, and arrays."""
 
 from __future__ import annotations
 
@@ -120,6 +120,7 @@ class PlainRow:
     def _convert(self, value: Any, parent: str, key: str | int, depth: int) -> Any:
         """Return the plain value of one field or element."""
         if value.__class__ is float:
+            # No call for the usual case: of NaN and of infinities the difference is NaN.
             return value if value - value == 0.0 else self._fraction(value, parent, key)
         if value is None or value.__class__ is str:
             return value
@@ -152,6 +153,7 @@ class PlainRow:
 
     def _container(self, value: Any, pointer: str, depth: int) -> Any:
         if not isinstance(value, Mapping):
+            # Both looks run in C, so that a list of floats is not gone through in Python.
             if set(map(type, value)) == _FRACTIONS and all(map(math.isfinite, value)):
                 return value
             return [self._convert(inner, pointer, index, depth) for index, inner in enumerate(value)]

@@ -1,4 +1,4 @@
-"""Some of the fields of rows: which ones a caller asks for, and rows with only these."""
+"""The fields that a caller asks for, and rows with only these fields."""
 
 from __future__ import annotations
 

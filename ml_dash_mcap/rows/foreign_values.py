@@ -1,4 +1,4 @@
-"""Objects of Python and of other libraries as values that JSON has, or as arrays of numpy.
+"""Converts objects of Python and of other libraries into values that JSON has, or into numpy arrays.
 
 No library is imported for that: whoever has one of its objects has it.
 """
@@ -70,6 +70,7 @@ def array_of(value: Any) -> npt.NDArray[Any] | None:
         if is_bytes(value):
             return None
     elif isinstance(value, arrays.array):
+        # Arrays of letters.
         if value.typecode in "uw":
             return None
     elif isinstance(value, type) or not hasattr(value, "__array__"):
@@ -128,6 +129,7 @@ def _times(array: npt.NDArray[Any]) -> Any:
     import numpy as np
 
     values = np.ma.getdata(array)
+    # As objects, because an array of texts would hold "None" in the place of None.
     texts = np.array(values.astype(str), object)
     texts[np.isnat(values) | np.ma.getmaskarray(array)] = None
     return texts.tolist()
@@ -157,6 +159,7 @@ def key_text(key: Any) -> str:
         TypeError: It is neither text nor a number, a boolean or None.
     """
     if isinstance(key, str):
+        # Not str(key): a subclass, such as an enum of texts, may spell itself in another way. So may numbers, below.
         return str.__str__(key)
     if isinstance(key, enum.Enum) and not isinstance(key, (int, float)):
         return key_text(key.value)

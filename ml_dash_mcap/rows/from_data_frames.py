@@ -1,4 +1,4 @@
-"""Columns of pandas, polars and pyarrow as numpy arrays and lists: by position, and what is missing as None.
+"""Converts columns of pandas, polars and pyarrow into numpy arrays and lists, with None for what is missing.
 
 None of these libraries is imported: whoever has one of their columns has.
 """
@@ -38,6 +38,7 @@ def plain(column: Any) -> Any:
 
 def library_of(value: Any) -> str | None:
     """Return which of these libraries a value is of; None for any other."""
+    # By the name of its module, so that no library has to be imported to ask.
     library = type(value).__module__.partition(".")[0]
     return library if library in _LIBRARIES else None
 

@@ -1,4 +1,4 @@
-"""Values between two samples: along a line, and for quaternions along the shortest arc."""
+"""Interpolates between two samples: along a line, and for quaternions along the shortest arc."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A row to JSON bytes and back, without losing a bit.
+"""Encodes rows as JSON and decodes them, without losing a bit.
 
 JSON has no NaN, no infinities, no bytes and no arrays. They are written as `null` and as base64 text, and a side key
 of the row says where and what they were:
@@ -96,6 +96,7 @@ def _bulk(array: Any) -> Any:
     """Return an array of numbers as orjson formats it, which is what it makes of a list of them."""
     import numpy as np
 
+    # As doubles: orjson would spell a float32 with fewer digits than the same number has in a list.
     native = "f8" if array.dtype.kind == "f" else array.dtype.newbyteorder("=")
     return orjson.Fragment(orjson.dumps(np.ascontiguousarray(array, native), option=orjson.OPT_SERIALIZE_NUMPY))
 

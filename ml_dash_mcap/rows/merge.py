@@ -1,4 +1,4 @@
-"""Rows of one topic and one time stamp are one row; at the top level, later fields win."""
+"""Merges the rows of one topic and one time stamp; at the top level, later fields win."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arrow columns as numpy arrays, each of the shape that one row's value has."""
+"""Converts Arrow columns into numpy arrays, each of the shape that one row's value has."""
 
 from __future__ import annotations
 
@@ -72,6 +72,7 @@ def objects(array: pa.Array) -> npt.NDArray[Any]:
 
 
 def _of_objects(values: list[Any]) -> npt.NDArray[Any]:
+    # np.array(values, object) would make a matrix of lists that have one length.
     objects_ = np.empty(len(values), object)
     for place, value in enumerate(values):
         objects_[place] = value
@@ -96,6 +97,7 @@ def _numbers(leaf: pa.Array) -> npt.NDArray[Any] | None:
     type_ = leaf.type
     if pa.types.is_null(type_):
         return np.full(len(leaf), np.nan)
+    # np.array copies here and below, because arrays over Arrow's memory are read-only.
     if pa.types.is_floating(type_):
         return np.array(leaf.to_numpy(zero_copy_only=False))
     if not (pa.types.is_integer(type_) or pa.types.is_boolean(type_)):

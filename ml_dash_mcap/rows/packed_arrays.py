@@ -1,4 +1,4 @@
-"""Large arrays of numbers as base64 text, whose type and shape stand in the side key.
+"""Packs large arrays of numbers into base64 text; their type and shape stand in the side key.
 
     {"image": "AAEC...", "_exact": {"uint8[480,640,3]": {"": ["image"]}}, "_ts": 1.5}
 
@@ -56,6 +56,7 @@ def content(array: npt.NDArray[Any]) -> memoryview:
     """Return the bytes of an array as its spelling says them."""
     import numpy as np
 
+    # A view as bytes keeps the array's own byte order, which the spelling says.
     values = np.ascontiguousarray(np.ma.getdata(array)).reshape(-1).view(np.uint8)
     if np.ma.is_masked(array):
         mask = np.ascontiguousarray(np.ma.getmaskarray(array))
@@ -76,6 +77,7 @@ def spelling(array: npt.NDArray[Any]) -> str:
 def unpack(text: str, spelled: str) -> npt.NDArray[Any] | None:
     """Return the array that was packed, writable; None where text and spelling do not say one."""
     try:
+        # bytearray, because arrays over bytes are read-only.
         return of_content(bytearray(binascii.a2b_base64(text)), spelled)
     except ValueError:
         return None

@@ -1,4 +1,4 @@
-"""The shape of a topic's rows as the JSON Schema that viewers understand, and the shape that a JSON Schema tells.
+"""Converts the shape of a topic's rows into the JSON Schema that viewers understand, and back.
 
 Foxglove and Lichtblick drop a whole topic whose schema has one construct they do not know (a list of types, an
 array of arrays, ...), while a field that is missing from `properties` still arrives and still plots. So a field that

@@ -1,4 +1,4 @@
-"""What type some values have: the one answer that schemas, Arrow columns, ROS messages and CSV files are made from.
+"""The type of some values: the one answer that schemas, Arrow columns, ROS messages and CSV files are made from.
 
 A `Shape` covers values. `first | second` is the least shape that covers what the two cover: it is associative,
 commutative and idempotent, and the shape of some values is the join of the shapes of each. So it makes no difference

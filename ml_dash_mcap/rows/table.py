@@ -1,4 +1,4 @@
-"""Rows as an Arrow table that loses nothing, whatever the rows hold."""
+"""Builds an Arrow table of rows that loses nothing, whatever the rows hold."""
 
 from __future__ import annotations
 

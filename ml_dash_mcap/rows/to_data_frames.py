@@ -1,4 +1,4 @@
-"""Arrow tables as data frames of pandas and of polars, in which nothing that is missing changes what is there."""
+"""Converts Arrow tables into frames of pandas and polars, in which missing values change no others."""
 
 from __future__ import annotations
 

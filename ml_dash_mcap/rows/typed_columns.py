@@ -1,4 +1,4 @@
-"""One column of rows as Arrow has it: its values in the type that holds all of them, or else as JSON text."""
+"""One column of rows in Arrow: in the type that holds all its values, or else as JSON text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The shapes of Python values and of numpy's arrays, many at once."""
+"""Finds the shapes of Python values and of numpy arrays, many at once."""
 
 from __future__ import annotations
 
@@ -78,9 +78,8 @@ def _of_one_type(type_: type, values: Sequence[Any], is_coarse: bool, *, is_in_l
             return scalar(OPAQUE)
         lengths = list(map(len, values))
         elements = values[0] if len(values) == 1 else list(chain.from_iterable(values))
-        items = _of_values(
-            elements, is_coarse, is_in_list=True
-        )  # called here: a function more a level would not fit on the stack
+        # Called here and not in a function of its own: a call more a level, and deep lists would not fit on the stack.
+        items = _of_values(elements, is_coarse, is_in_list=True)
         return of_lists(items, min(lengths), max(lengths))
     if type_ is dict:
         return _of_dict_values(values, is_coarse)
