@@ -111,6 +111,21 @@ class McapFile(IndexedFile):
             self.lose_chunk(chunk, error)
             return {}
 
+    def only_message(self, chunk: Chunk, channel_id: int, start_ns: int, end_ns: int) -> tuple[int, bytes] | None:
+        """Return the log time and the payload of the only message of a channel in a chunk and in [start_ns, end_ns].
+
+        None if there is not exactly one, or if anything about it is odd: `cut` says what, and reads around it.
+        """
+        if not chunk.indexed or self.is_partial(chunk):
+            return None
+        try:
+            index = self._chunks.index(chunk, channel_id)
+            if not chunk_messages.are_within(index, chunk):
+                return None
+            return chunk_messages.only_message(self.unpack(chunk), index, start_ns, end_ns)
+        except DamagedFileError:
+            return None
+
     def cut(
         self, chunk: Chunk, channel_ids: Iterable[int], start_ns: int, end_ns: int, span: Bytes | None = None
     ) -> list[Messages]:

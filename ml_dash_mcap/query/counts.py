@@ -140,9 +140,15 @@ def last_time(topic: StoredTopic) -> float | None:
 def _rows_at(topic: StoredTopic, time_ns: int) -> list[Row]:
     """Return the rows whose doubles lie at a log time; none if they cannot be decoded."""
     low, high = clock.to_seconds(time_ns - TOLERANCE_NS), clock.to_seconds(time_ns + TOLERANCE_NS)
+    start_ns, end_ns = topic_rows.to_ns_range(low, high)
     try:
-        batch = topic_messages.read_few(topic, *topic_rows.to_ns_range(low, high))
-        rows = () if batch is None else topic_rows.of_batch(batch, {})
-        return [row for row in rows if low <= row[TIME_KEY] <= high]
+        only = topic_messages.read_only(topic, start_ns, end_ns)
+        if only is not None:
+            origin, message_ns, payload = only
+            rows = topic_rows.decode(origin, [payload], np.array([message_ns], np.uint64), {})
+        else:
+            batch = topic_messages.read_few(topic, start_ns, end_ns)
+            rows = iter(()) if batch is None else topic_rows.of_batch(batch, {})
+        return [row for row in rows if row is not None and low <= row[TIME_KEY] <= high]
     except (EncodingError, DamagedFileError):  # whoever reads the rows is told
         return []

@@ -97,6 +97,24 @@ def read(topic: StoredTopic, start_ns: int, end_ns: int) -> Iterator[MessageBatc
 
 
 @replanned
+def read_only(topic: StoredTopic, start_ns: int, end_ns: int) -> tuple[MessageOrigin, int, bytes] | None:
+    """Return the only message of a time range: where it comes from, its log time and its payload.
+
+    None unless one chunk alone, with one channel of the topic, may hold messages of that range, and holds exactly one.
+    """
+    chunks = topic.chunks()
+    if len(chunks) != 1:
+        chunks = topic.chunks(start_ns, end_ns)
+    channels = topic.files[chunks[0].file].index.channels_of(topic.name) if len(chunks) == 1 else {}
+    if len(channels) != 1:
+        return None
+    file, chunk = topic.files[chunks[0].file], chunks[0].chunk
+    ((channel_id, channel),) = channels.items()
+    only = file.only_message(chunk, channel_id, start_ns, end_ns)
+    return None if only is None else (MessageOrigin(file, channel, chunk), *only)
+
+
+@replanned
 def read_few(topic: StoredTopic, start_ns: int, end_ns: int) -> MessageBatch | None:
     """Return at once what `read` yields, for a time range of a few messages; None if there are none.
 
