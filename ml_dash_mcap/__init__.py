@@ -260,6 +260,7 @@ def __getattr__(name: str) -> Any:
     from importlib import import_module
 
     value = getattr(import_module(f"{__name__}.{_HOMES.get(name, 'errors')}"), name)
+    # Later uses find the name in the module and do not come here again.
     globals()[name] = value
     return value
 

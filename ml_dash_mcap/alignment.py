@@ -1,4 +1,4 @@
-"""Several topics of a recording on one clock: which rows to read, and which times to ask for."""
+"""Puts several topics of a recording on one clock: chooses the rows to read and the times to ask for."""
 
 from __future__ import annotations
 
@@ -49,6 +49,7 @@ def align(
     tables: dict[str, pa.Table] = {}
     if hz is None and on is not None:
         own = reader(on)
+        # A topic that gives only its times is read without its other columns.
         base = own.to_arrow(low, high, chosen.get(on, [TIME_KEY]))
         times: npt.NDArray[np.float64] = base.column(TIME_KEY).to_numpy()
         if on in chosen:

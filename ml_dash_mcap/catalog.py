@@ -1,4 +1,4 @@
-"""The recordings below a folder, each with its status, its time and its size."""
+"""Lists the recordings below a folder, each with its status, its time and its size."""
 
 from __future__ import annotations
 
@@ -97,6 +97,7 @@ def is_one_recording(path: str | Path) -> bool:
     folder = place(path, "path")
     if folder.is_file() or (folder / _BAG_FILE).is_file():
         return True
+    # Two are enough to know; below a folder of all runs there may be thousands.
     return is_recording(folder) and list(islice(runs_below(folder), 2)) == [folder]
 
 

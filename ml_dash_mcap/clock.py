@@ -1,4 +1,4 @@
-"""Seconds (a double, as users give them) and nanoseconds (an unsigned integer, as MCAP stores them)."""
+"""Converts seconds (a double, as users give them) to nanoseconds (an integer, as MCAP stores them) and back."""
 
 from __future__ import annotations
 

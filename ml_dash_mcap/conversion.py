@@ -1,4 +1,4 @@
-"""One format to another: foreign files to a recording, a recording to the formats of others."""
+"""Converts foreign files to a recording, and a recording to the formats of others."""
 
 from __future__ import annotations
 
@@ -101,6 +101,7 @@ def _opened(source: Path, reads: Mapping[str, Any]) -> Iterator[Recording]:
 
 _OF_RECORDINGS = [
     name
+    # Taken from the signature, so that a new option of `Recording` needs no second list.
     for name, parameter in inspect.signature(Recording).parameters.items()
     if parameter.kind is parameter.KEYWORD_ONLY
 ]

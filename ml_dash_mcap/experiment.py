@@ -1,4 +1,4 @@
-"""Experiment: ml-dash's words over a recorder and a recording."""
+"""Experiment: ml-dash's interface to a recorder and a recording."""
 
 from __future__ import annotations
 

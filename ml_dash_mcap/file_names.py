@@ -1,4 +1,4 @@
-"""The names of what lies in a run's folder, and of our metadata records: where writing and reading meet."""
+"""The names of the files in a run's folder and of our metadata records, shared by writing and reading."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Opening a recording: what a dead recorder left is recovered, and other formats are converted, before files open."""
+"""Opens a recording: recovers what a dead recorder left and converts other formats before files open."""
 
 from __future__ import annotations
 
@@ -107,6 +107,7 @@ def _segments(places: Places, options: OpeningOptions) -> Segments:
 def _recover(folder: Path) -> None:
     """Write the rows that a dead recorder left in its journal into files of the recording."""
     if folder.is_dir() and next(folder.glob(SESSION_GLOB), None) is not None:
+        # Imported only after a crash: it brings the writer along.
         from .recovery import recover_folder
 
         recover_folder(folder)

@@ -1,4 +1,4 @@
-"""Every knob of a recorder, its unit in its name."""
+"""The options of a recorder, each with its unit in its name."""
 
 from __future__ import annotations
 

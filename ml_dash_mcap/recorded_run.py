@@ -1,4 +1,4 @@
-"""What a recording holds besides the rows of a robot: times, runs, parameters, logs, metrics, episodes, attachments."""
+"""The contents of a recording besides its rows: times, runs, parameters, logs, metrics, episodes, attachments."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .recorded_topics import RecordedTopics
 
 
 class RecordedRun(RecordedTopics):
-    """What a `Recording` knows of its files and runs."""
+    """The part of a `Recording` that is about its files and runs."""
 
     def __init__(self, files: Opened, run: str | int | None) -> None:
         """Take the open files.

@@ -23,7 +23,7 @@ from .topic_reader import Columns, Json, Seconds, TopicReader
 
 
 class RecordedTopics(Mapping[str, TopicReader]):
-    """What a `Recording` knows of its topics; a mapping from their names to their readers."""
+    """The part of a `Recording` that is about its topics: a mapping from their names to their readers."""
 
     def __init__(self, files: Opened) -> None:
         """Take the open files.

@@ -1,4 +1,4 @@
-"""Recording: what was recorded, by topic."""
+"""Recording: reads a finished, cut or growing recording, by topic."""
 
 from __future__ import annotations
 
@@ -159,6 +159,7 @@ class Recording(RecordedRun):
             >>> rec.align(["robot", "imu"], on="robot", how={"imu": "linear", "imu.quat": "slerp"}, tolerance_s=0.05)
             >>> rec.align({"robot": ["q"], "imu": ["accel"]}, hz=100, how="linear").to_pandas()
         """
+        # Imported here, as it brings pyarrow; opening a recording does not need it.
         from .alignment import align
 
         self._opened()

@@ -1,4 +1,4 @@
-"""Arguments that had another name before: they still work, and say what they are called now."""
+"""Accepts arguments under earlier names, with a warning that states the new name."""
 
 from __future__ import annotations
 
@@ -35,6 +35,8 @@ def take(call: str, old: Mapping[str, Value], now: Mapping[str, str]) -> dict[st
 
 def _caller() -> int:
     """Return how many calls the user's own code lies above `take`, for `stacklevel`."""
+    # How many calls of ours lie between differs by entry point, so the frames are counted until one outside the
+    # package.
     level, frame = 2, sys._getframe(2)
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_FOLDER):
         level, frame = level + 1, frame.f_back

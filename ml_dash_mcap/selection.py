@@ -242,5 +242,6 @@ class Selection:
             field == name or field.startswith(name + ".") for field in fields for name in names
         ):
             return True
+        # Rows are read only for a name that the schema lacks, before it is called an error.
         rare = TopicPart(self._part.stored, columns=(column,))  # one that the schema cannot express
         return any(len(row) > 1 for row in rare.rows())

@@ -1,4 +1,4 @@
-"""Session: dreamlake's words over a recorder and a recording."""
+"""Session: dreamlake's interface to a recorder and a recording."""
 
 from __future__ import annotations
 

@@ -22,10 +22,12 @@ _LISTED = 20
 
 def similar(name: object, candidates: Iterable[str]) -> list[str]:
     """Return the candidates that are most similar to a name, the best first. Case, and `-` for `_`, do not matter."""
+    # difflib prepares its second text once and compares many first texts with it.
     matcher = difflib.SequenceMatcher(b=_folded(str(name)))
     ratios = {}
     for candidate in candidates:
         matcher.set_seq1(_folded(candidate))
+        # Both are upper bounds of `ratio` that cost much less (difflib's documentation).
         if matcher.real_quick_ratio() >= _SIMILARITY and matcher.quick_ratio() >= _SIMILARITY:
             ratios[candidate] = matcher.ratio()
     least = max(_SIMILARITY, max(ratios.values(), default=0.0) - _MARGIN)

@@ -1,4 +1,4 @@
-"""What counts as a row's time stamp, for each of the two APIs."""
+"""The rules for a row's time stamp, one for each of the two APIs."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ MISSING: Any = type("Missing", (), {"__repr__": lambda self: "<left out>", "__sl
 INHERIT = -1
 """As `_ts`: take the last time stamp used, where the rule allows it."""
 
+# A wall clock in doubles has steps of 0.24 us today, so a microsecond later is always another time stamp.
 _TICK_S = 1e-6
 
 
@@ -119,6 +120,7 @@ class Automatic:
         with self.journal.lock:
             now = time.time()
             if now <= self._last_automatic:
+                # Rows of one time stamp merge, so two rows that came without one must not get the same.
                 now = self._last_automatic + _TICK_S
             self._last_automatic = now
             return now
@@ -128,6 +130,7 @@ def _to_float(given: Any) -> float | None:
     """Return a number as a float; None for what is no number (a bool is a mistake)."""
     if isinstance(given, (bool, str, bytes)) or given is None:
         return None
+    # `float()` would also take an array of one element, and a datetime64 as its number of units.
     if getattr(getattr(given, "dtype", None), "kind", "f") not in "fiu" or getattr(given, "ndim", 0) != 0:
         return None
     try:

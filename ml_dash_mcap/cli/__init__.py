@@ -29,12 +29,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser.build().parse_args(argv)
     try:
         with warnings.catch_warnings():
+            # Each warning is shown once, also those that Python hides outside of `__main__`.
             warnings.simplefilter("default", UserWarning)
             warnings.showwarning = _show_warning
             code: int = arguments.run(arguments)
         sys.stdout.flush()
         return code
-    except BrokenPipeError:  # whoever read our output has seen enough
+    except BrokenPipeError:  # the reader of our output has closed it, as `head` does
+        # Python flushes the standard output once more at exit, and would print an error about the broken pipe.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return DONE
     except KeyboardInterrupt:

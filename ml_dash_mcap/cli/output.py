@@ -55,5 +55,6 @@ def _draw(headings: Sequence[str], rows: Sequence[Sequence[str]], right: Sequenc
     for heading in headings:
         table.add_column(heading, justify="right" if heading in right else "left", no_wrap=heading in right)
     for row in rows:
+        # As `Text`, because rich would take square brackets in plain strings for markup.
         table.add_row(*map(Text, row))
     Console().print(table)

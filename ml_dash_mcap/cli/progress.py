@@ -1,4 +1,4 @@
-"""How far a command is, on the standard error, if that is a terminal."""
+"""Shows the progress of a command on the standard error, if that is a terminal."""
 
 from __future__ import annotations
 

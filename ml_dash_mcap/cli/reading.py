@@ -1,4 +1,4 @@
-"""Opening a recording for a command, and saying what damage took."""
+"""Opens a recording for a command, and reports the damage that it has."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from ..recording import Recording
 
 _DIGITS = 6
-"""A number of a run has no more; an id of digits only has 16."""
+"""The most digits of a run's number. A run's id has 16 digits, so the two cannot be confused."""
 
 
 def add_path(parser: argparse.ArgumentParser) -> None:

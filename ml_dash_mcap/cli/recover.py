@@ -1,4 +1,4 @@
-"""`recover`: what a crashed recorder left behind, made whole."""
+"""`recover`: finishes the recordings that crashed recorders left behind."""
 
 from __future__ import annotations
 

@@ -43,6 +43,7 @@ def show(seconds: float | None) -> str:
     if not clock.is_epoch_like(seconds):
         return f"{seconds:.3f} s"
     try:
+        # Not `fromtimestamp`, which fails for years that the C library of some systems does not know.
         moment = _EPOCH + timedelta(milliseconds=round(seconds * 1000))
     except OverflowError:  # a clock that says a year beyond 9999
         return f"{seconds:.3f} s"

@@ -1,4 +1,4 @@
-"""Files and folders that appear at their destination when they are whole."""
+"""Makes files and folders appear at their destination when they are whole."""
 
 from __future__ import annotations
 
@@ -72,6 +72,7 @@ def fresh_folder(dest: Path) -> Iterator[Path]:
 def _fresh(dest: Path, *, is_folder: bool) -> Iterator[Path]:
     refuse_existing(dest)
     _refuse_other_kind(dest, is_folder)
+    # In the same folder, so that the move is a rename within one file system, which happens in one step.
     beside = dest.parent / f".{dest.name[:_LONGEST_NAME]}.{uuid.uuid4().hex[:8]}.part"
     made = [folder for folder in dest.parents if not folder.exists()]
     try:
@@ -117,9 +118,11 @@ def _is_empty_folder(path: Path) -> bool:
 
 
 def _put(new: Path, dest: Path) -> None:
-    """Move a new file or folder to its destination, and remove the old one. One of both is there at every moment."""
+    """Move a new file or folder to its destination, and then remove the old one."""
     if dest.is_dir() and not _is_empty_folder(dest):
         old = new.with_suffix(".old")
+        # A folder that is not empty cannot be replaced by `rename`; without the exchange there is a moment with
+        # nothing at `dest`.
         if exchange(new, dest):
             os.replace(new, old)
         else:
@@ -153,6 +156,7 @@ def name_of(topic: str, suffix: str) -> str:
     inside = "".join(letter if letter.isalnum() or letter in "-_. " else _percent(letter) for letter in topic)
     name = inside if inside[:1] not in (".", " ") else _percent(inside[0]) + inside[1:]
     if len((name + suffix).encode()) > _LONGEST_NAME:
+        # A letter has up to 4 bytes in UTF-8, so few of them are kept; the digest keeps the names apart.
         name = f"{name[: _LONGEST_NAME // 8]}~{_digest(topic)}"
     return name + suffix
 
@@ -172,6 +176,7 @@ def names_of(topics: Iterable[str], suffix: str) -> dict[str, str]:
 
 def _folded(name: str) -> str:
     """Return one form for all names that some file systems take for the same: they ignore case and forms of accents."""
+    # Twice, because `casefold` may take a composed letter apart (Unicode, section 3.13).
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 

@@ -1,4 +1,4 @@
-"""A recording in the local layout of dreamlake sessions, as its versions before 0.4 read it."""
+"""Writes a recording in the local layout of dreamlake sessions, as dreamlake before 0.4 reads it."""
 
 from __future__ import annotations
 
@@ -55,8 +55,10 @@ def path_of(topic: str) -> PurePosixPath:
 def _part(part: str) -> str:
     if not part:
         return _EMPTY_PART
+    # A topic `a/data.jsonl` would lie where the rows of topic `a` lie.
     if part in (DATA_NAME, ABOUT_NAME):
         return f"%{ord(part[0]):02X}{part[1:]}"
+    # `~` and `%` are the marks of changed names, so a name that has them is spelt otherwise.
     is_plain = part.isprintable() and part[0] != "." and "%" not in part and "~" not in part
     return part if is_plain and len(part.encode()) <= _LONGEST_PART else name_of(part, "")
 

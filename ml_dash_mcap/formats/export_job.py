@@ -1,4 +1,4 @@
-"""One export: which rows, where to, and how far it has come."""
+"""One export: the rows to write, their destination, and the progress."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where an export goes: a path of this machine, or a name in a store, where files are put when all are written."""
+"""The place of an export: a path of this machine, or a name in a store, where files are put when all are written."""
 
 from __future__ import annotations
 
@@ -84,6 +84,7 @@ def _put_when_whole(store: Store, dest: str, format: str, *, overwrite: bool, re
         files = [path.relative_to(folder).as_posix() for path in Path(folder).rglob("*") if path.is_file()]
         entry = registry.find(format, "write")
         landmark = f"{last}/{entry.landmark}" if entry is not None else ""
+        # False sorts before True, so the landmark is put last.
         files.sort(key=lambda name: (name == landmark, name))
         names = {f"{above}/{name}" if above else name: Path(folder) / name for name in files}
         if earlier and (dest in names) != (dest in earlier):
@@ -105,6 +106,7 @@ def _put_all(store: Store, names: dict[str, Path], put: Callable[[str, Path], st
             put(name, path)
             done.append(name)
     except BaseException:
+        # `put_new` fails if a name exists, so everything that it put is ours to remove.
         if put == store.put_new:
             for name in done:
                 store.delete(name)

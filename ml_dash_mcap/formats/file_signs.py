@@ -1,4 +1,4 @@
-"""The signs by which the files of each format are told from those of others."""
+"""The signs by which files of each format are told apart."""
 
 from __future__ import annotations
 
@@ -38,6 +38,7 @@ jsonl = tables(".jsonl", ".ndjson")
 csv = tables(".csv", ".tsv")
 
 _is_ros1 = begins_with(rb"#ROSBAG V")
+# The nine bytes are the opcode and the length of the header record; then comes the profile behind its own length.
 _is_ros2_mcap = begins_with(rb"\x89MCAP0\r\n.{9}\x04\0\0\0ros2")
 """An MCAP file whose header, its first record, has the profile "ros2"."""
 

@@ -1,4 +1,4 @@
-"""What tells the format of a file or folder: its name, its first bytes, its first line, the names inside it."""
+"""Reads what tells the format of a file or folder: its name, its first bytes, its first line, the names inside it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The names of other people's files as names of topics and fields: each as it is, if the library takes it."""
+"""Accepts the names of other people's files as names of topics and fields, or changes them with a warning."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ..rows.encode import EXACT_KEY, TIME_KEY
 from ..topic import check_topic
 from .mocap.placement import Placement
 
+# A topic's name has 1024 bytes at most; the rest is room for the digest.
 _KEPT_BYTES = 900
 _RESERVED = (TIME_KEY, EXACT_KEY)
 
@@ -30,6 +31,7 @@ def distinct(names: Sequence[str]) -> list[str]:
     distinct_names = []
     for name in names:
         new, number = name, 2
+        # A number must not make a name that the file itself has further on.
         while new in seen or (new != name and new in taken):
             new, number = f"{name}#{number}", number + 1
         seen.add(new)

@@ -1,4 +1,4 @@
-"""Rows as an MCAP file of their own."""
+"""Renders rows as an MCAP file of their own."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _rows(part: TopicPart, codec: Codec) -> Iterator[MessageBlock]:
     payloads: list[bytes] = []
     size = count = 0
     for row in part.rows():
-        # No double is as near to the last time as 2**64, which is beyond it.
+        # The double nearest to the last time is 2**64 ns, which MCAP cannot hold.
         times_ns.append(min(clock.to_nanoseconds(row[TIME_KEY]), LAST_NS))
         payloads.append(codec.encode_read(row))
         size += len(payloads[-1])

@@ -1,4 +1,4 @@
-"""Exports with one file for each topic: a folder of them, or one file if the destination is named like one."""
+"""Writes exports with a file for each topic: a folder of them, or one file if the destination is named like one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files and folders of other formats as recordings."""
+"""Reads files and folders of other formats as recordings."""
 
 from __future__ import annotations
 
@@ -98,6 +98,7 @@ def as_folder(path: str | Path, *, salvages: bool = False, **options: Any) -> te
         As `record`; then there is no folder.
     """
     wanted = {**options, **({"on_damage": "skip"} if salvages else {})}
+    # `Recording` passes options of all formats; a format gets only those that it has.
     names = [*options_of(path), "options"]
     folder = tempfile.TemporaryDirectory(prefix="ml_dash_mcap-")
     try:

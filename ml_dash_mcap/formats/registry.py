@@ -1,4 +1,4 @@
-"""The formats of others: one entry each, in one table that everything asks.
+"""The registry of foreign formats: one entry each, in one table that everything asks.
 
 Importing this module, and asking it what lies at a path, imports no format. The modules that read and write a format
 are named in its entry and are imported when they are needed. `register` adds a format from outside.
@@ -232,6 +232,7 @@ def register(format: Format) -> None:
     global _formats
     if format.name in _formats:
         raise UsageError(f"register(): there is a format {format.name!r} already; choose another name")
+    # A new dict instead of a change: another thread may be going through the old one.
     _formats = {format.name: format, **_formats}
 
 
@@ -270,6 +271,7 @@ def detect(path: str | Path) -> str | None:
     path = Path(path)
     if not path.exists():
         return None
+    # All signs share one start of the file, which is read once.
     start = FileStart(path)
     return next((name for name, entry in _formats.items() if entry.detect and entry.detect(start)), None)
 

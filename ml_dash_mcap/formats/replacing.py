@@ -1,4 +1,4 @@
-"""What an export may replace at its destination: only an earlier result of its own format."""
+"""Decides what an export may replace at its destination: only an earlier result of its own format."""
 
 from __future__ import annotations
 
@@ -40,6 +40,7 @@ def keeper(format: str, sources: Iterable[Path]) -> Keep:
     read = [path.resolve() for path in sources]
 
     def keep(path: Path) -> str:
+        # Replacing a link would replace the link and not what it leads to.
         if path.is_symlink():
             return "is a link; export to where it leads, or remove it"
         place = path.resolve()
@@ -98,6 +99,7 @@ def _files(folder: Path) -> Iterable[str]:
     """Yield the names of all files below a folder, relative to it. Links to folders count as files."""
     for place, names, files in os.walk(folder):
         inside = Path(place).relative_to(folder)
+        # `os.walk` does not go into links, so they must be named or they would be removed unseen.
         links = [name for name in names if os.path.islink(os.path.join(place, name))]
         yield from ((inside / name).as_posix() for name in (*files, *links))
 

@@ -1,4 +1,4 @@
-"""Two paths exchanged in one step, where the operating system can do that."""
+"""Exchanges two paths in one step, where the operating system can do that."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+# The values of linux/fcntl.h and linux/fs.h, which Python does not have as names.
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
 

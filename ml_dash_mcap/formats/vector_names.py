@@ -1,4 +1,4 @@
-"""Columns that are the elements of vectors and matrices by their names: `q.0`, `q.1` and `m.0.0`, `m.0.1`."""
+"""Recognises columns that are elements of vectors and matrices by their names: `q.0`, `q.1` and `m.0.0`, `m.0.1`."""
 
 from __future__ import annotations
 

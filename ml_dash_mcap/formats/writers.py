@@ -1,4 +1,4 @@
-"""Recordings and topics in the formats of others."""
+"""Writes recordings and topics in the formats of others."""
 
 from __future__ import annotations
 

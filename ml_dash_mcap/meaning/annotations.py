@@ -1,4 +1,4 @@
-"""Annotations of a topic, so that other formats need not guess: units, joints, frame, order of quaternions."""
+"""Annotations of a topic that other formats would have to guess: units, joints, frame, order of quaternions."""
 
 from __future__ import annotations
 

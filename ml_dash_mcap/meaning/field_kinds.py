@@ -1,4 +1,4 @@
-"""What a field is, by its name and shape: one table for ROS, motion capture and viewers.
+"""Recognises fields by name and shape: one table for ROS, motion capture and viewers.
 
 The annotations of a topic (`units`, `quat_order`, `joint_names`, `frame_id`) say how its numbers are to be read. Names
 say what they are: `tcp_pos` and `tcp_quat` are the pose of `tcp` in every format that has poses.
@@ -16,12 +16,12 @@ Shape = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class FieldMeaning:
-    """Fields that measure the same."""
+    """A kind of field: all fields that measure the same quantity."""
 
     names: tuple[str, ...]
     """What they are called, in small letters, the likeliest first. Fields may have them in capitals."""
     quantity: str | tuple[str, str] | None = None
-    """What they measure, one of `units.UNITS`; or what each half of the numbers does."""
+    """The quantity that they measure, a key of `units.UNITS`; or the quantities of the two halves of the numbers."""
     shapes: tuple[Shape, ...] = ()
     """The shapes that they have; none where any list of numbers is one."""
     has_owner: bool = False
@@ -50,7 +50,7 @@ JOINT_EFFORT = FieldMeaning(
 NAMED_POSITION = FieldMeaning(("position", "positions"), "angle")
 NAMED_VELOCITY = FieldMeaning(("velocity", "velocities"), "angular velocity")
 NAMED_EFFORT = FieldMeaning(("effort", "efforts"), "torque")
-"""What joints have whose names are given, and what means something else without them."""
+"""Names that mean joints only if the joints' names are given, and something else without them."""
 JOINT_COMMAND = FieldMeaning(("target_q", "q_des", "q_cmd"), "angle")
 GRIPPER = FieldMeaning(("gripper", "gripper_pos", "gripper_width"), "angle")
 

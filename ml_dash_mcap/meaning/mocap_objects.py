@@ -1,4 +1,4 @@
-"""What a topic's fields are in the words of motion capture: rigid bodies, markers, joints."""
+"""Finds the objects of motion capture among a topic's fields: rigid bodies, markers, joints."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ MARKERS_TOPIC = "markers"
 """The topic of markers that belong to no body; its name is no part of theirs."""
 
 MARKER_KINDS = {"body_markers": "Rigid Body Marker", "bone_markers": "Bone Marker"}
-"""What holds markers that Motive tells from the others, to its words for them."""
+"""Fields that hold markers of a special kind, to Motive's names of these kinds."""
 
 _MARKER = re.compile("marker", re.IGNORECASE)
 _JOINT_KINDS = (
@@ -42,7 +42,8 @@ _JOINT_KINDS = (
     ("_u", (JOINT_VELOCITY,), NAMED_VELOCITY),
     ("_tau", (JOINT_EFFORT, TORQUE), NAMED_EFFORT),
 )
-"""What OpenSim appends to a joint's name, to the fields that it does that for: always, and where joints are named."""
+"""The suffix that OpenSim appends to a joint's name; the fields that get it always; and those that get it for named
+joints."""
 _GRIPPER = re.compile("gripper", re.IGNORECASE)
 
 

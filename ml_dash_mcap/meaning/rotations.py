@@ -54,6 +54,7 @@ def continuous(quaternions: Floats, last: Floats | None) -> tuple[Floats, Floats
         return quaternions, last
     there = quaternions[present]
     before = np.concatenate((there[:1] if last is None else last[None], there[:-1]))
+    # A flipped quaternion changes the side of all later ones, so the signs multiply along the way.
     signs = np.cumprod(np.where(np.sum(there * before, axis=1) < 0, -1.0, 1.0))
     flipped = np.flatnonzero(signs < 0)
     if len(flipped):
@@ -78,6 +79,7 @@ def of_matrices(matrices: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
         is_bad = (np.abs(product - np.eye(3)).max(axis=(1, 2)) > ORTHONORMAL_TOLERANCE) | (_determinant(m) < 0)
         trace = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
         diagonal = np.diagonal(m, axis1=1, axis2=2)
+        # The squares of 2x, 2y, 2z and 2w. Dividing by the largest of them never divides by a number near 0.
         squares = np.concatenate((1 - trace[:, None] + 2 * diagonal, 1 + trace[:, None]), axis=1)
         largest = np.nan_to_num(squares).argmax(axis=1)
         twice = np.sqrt(np.maximum(squares[np.arange(len(m)), largest], 0))

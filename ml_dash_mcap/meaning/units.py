@@ -1,4 +1,4 @@
-"""Units that people log in, by quantity, and how they come to the SI units that ROS's messages are in (REP 103)."""
+"""Units that people log in, by quantity, and their conversion to the SI units of ROS's messages (REP 103)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 
 class Scale(NamedTuple):
-    """How to come to the SI unit: multiply, then add."""
+    """The conversion to the SI unit: multiply by the factor, then add the offset."""
 
     factor: float
     offset: float = 0.0
@@ -51,7 +51,8 @@ DECIMALS: Mapping[str, int] = {"m": 0, "cm": 2, "mm": 3}
 Moving the point of a number's text is exact, which multiplying a double by `UNITS` is not."""
 
 USUAL: Mapping[str, str] = {"magnetic field": "uT"}
-"""What a field is in that no unit was given for, where that is not ROS's own unit: ml-dash's documentation says so."""
+"""The units of fields without a stated unit, where they are not ROS's own units. The source is ml-dash's
+documentation."""
 
 
 def of_field(units: object, way: Sequence[str]) -> object:

@@ -1,4 +1,4 @@
-"""Files in dreamlake's words."""
+"""The files of a session, with dreamlake's names."""
 
 from __future__ import annotations
 

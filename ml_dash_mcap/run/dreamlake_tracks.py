@@ -1,4 +1,4 @@
-"""Tracks in dreamlake's words: points with an index, and counts of what was appended."""
+"""The tracks of a session, with dreamlake's names: points with an index, and counts of appended points."""
 
 from __future__ import annotations
 
@@ -173,6 +173,7 @@ class SessionTrack(BoundTopic):
         last = None if end_time is None else _just_before(end_time)
         empty = start_time is not None and last is not None and last < start_time
         rows = iter(()) if empty else self._readback.part(self.name, start_time, last).rows()
+        # Rows come in time order only, so the last ones are known when all have been read.
         wanted = list(rows if reverse else islice(rows, limit + 1))
         points = [pages.point(place, row, self._readback.begun_s) for place, row in enumerate(wanted)]
         data = (points[::-1] if reverse else points)[:limit]
@@ -192,6 +193,7 @@ class SessionTrack(BoundTopic):
 
 def _just_before(end_time: float) -> float:
     try:
+        # dreamlake excludes the end and our ranges include it: the double before it gives the same rows.
         return math.nextafter(end_time, -math.inf)
     except TypeError as error:
         raise RangeError(f"end_time={end_time!r} is not a number of seconds") from error

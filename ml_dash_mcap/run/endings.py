@@ -1,4 +1,4 @@
-"""How a block of code ended, by the exception that left it."""
+"""Tells how a block of code ended, by the exception that left it."""
 
 from __future__ import annotations
 

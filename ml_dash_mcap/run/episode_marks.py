@@ -106,6 +106,8 @@ class OpenEpisode:
         self._lock = threading.RLock()
         """Guards the marks, which are written one after the other."""
         last = topic.last_s
+        # The next double behind the last row, so that a range with both ends included holds the episode's rows only
+        # (docs/decisions, 0012).
         self.start = start if start is not None or last is None else math.nextafter(last, math.inf)
         """First time stamp of its rows, in s; None if the recorder has had no row yet: then its first one."""
         self.task = task
@@ -186,6 +188,7 @@ class OpenEpisode:
             )
         except FieldError:
             if not self.is_open:
+                # The end counts more than the words beside it, so it is recorded without them.
                 self._topic.add(mark, time)
             raise
 
@@ -202,6 +205,7 @@ def _check(task: Any, success: Any, metadata: Any) -> tuple[str | None, bool | N
     if task is not None and not isinstance(task, str):
         raise FieldError(f"task={task!r}: the task of an episode is a text")
     if getattr(getattr(success, "dtype", None), "kind", "") == "b" and getattr(success, "ndim", 1) == 0:
+        # `numpy.bool_` is no `bool`, and comparisons of arrays return it.
         success = bool(success)  # numpy's
     if success is not None and not isinstance(success, bool):
         raise FieldError(f"success={success!r}: an episode's success is True, False, or None where nobody knows")

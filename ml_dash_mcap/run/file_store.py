@@ -98,6 +98,8 @@ class FileStore:
             write(partial)
             row = {"path": str(path), "bytes": partial.stat().st_size, "sha256": sha256(partial), **fields}
             row = {**row, "content_type": content_type(path.name), "saved": now_text()}
+            # The row follows its file. A crash between both leaves a file without a row, which `_measured` describes,
+            # and never a row without a file.
             with self._order_lock:
                 os.replace(partial, target)
                 self._rows.append(row)
@@ -202,7 +204,7 @@ class FileStore:
     def _beside(self, target: Path) -> Iterator[Path]:
         """Give a place in the target's folder to write to, and clear it away if it is still there afterwards."""
         target.parent.mkdir(parents=True, exist_ok=True)
-        suffix = target.suffix if len(target.suffix) <= 16 else ""  # writers of images and videos look at it
+        suffix = target.suffix if len(target.suffix) <= 16 else ""  # writers of images choose the format by it
         partial = target.parent / f"{_PARTIAL}{uuid.uuid4().hex}{suffix}"
         try:
             yield partial

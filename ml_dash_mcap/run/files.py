@@ -154,6 +154,7 @@ class Files:
 
         figure = plt.gcf() if fig is None else fig
         described = self._save(to, lambda place: figure.savefig(place, **options))
+        # pyplot keeps every figure in memory until it is closed.
         plt.close(figure)
         return described
 

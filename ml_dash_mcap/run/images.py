@@ -1,4 +1,4 @@
-"""Arrays of pixels to image and video files."""
+"""Turns arrays of pixels into image and video files."""
 
 from __future__ import annotations
 
@@ -119,6 +119,7 @@ def write_video(place: Path, frames: Any, name: str, fps: float, options: dict[s
         raise FieldError(f"save_video() to {name!r}: there is no frame")
     if any(frame.dtype.itemsize > 1 for frame in pixels):
         raise FieldError(f"save_video() to {name!r}: a video has no 16-bit pixels; pass uint8")
+    # imageio's GIF writer takes ms a frame; its video writers take frames a second.
     timing = {"duration": 1000 / fps} if place.suffix.lower() == ".gif" else {"fps": fps}
     try:
         iio.imwrite(place, np.stack(pixels), **{**timing, **options})

@@ -110,6 +110,7 @@ class Run(Generic[OwnerT, TrackT]):
     def _end(self, status: Status, error: BaseException | None = None) -> None:
         if self.status is None:
             raise StateError("the run was never started; use 'with experiment.run:' or call experiment.run.start()")
+        # Taken away first: whatever fails below, the run has ended and is not ended a second time.
         live, self.live = self.live, None
         if live is None:
             return

@@ -1,4 +1,4 @@
-"""Everything that one run in progress consists of."""
+"""Everything that a run in progress consists of."""
 
 from __future__ import annotations
 
@@ -55,6 +55,7 @@ class Live(Generic[TrackT]):
         Raises:
             StorageError: The folder cannot be made, written or locked.
         """
+        # Asked first: the recorder that is opened next puts files of its own there.
         continued = _has_recordings(folder)
         self.recorder = Recorder(folder, options, prefix=prefix, metadata=metadata, timestamps=timestamps)
         try:
@@ -84,6 +85,7 @@ class Live(Generic[TrackT]):
             return
         try:
             try:
+                # Whatever fails here, the steps after it run: an open recorder would keep its lock and its journal.
                 self.episodes.end_open(has_failed=status == "failed")
             finally:
                 self._write_status(status, error)

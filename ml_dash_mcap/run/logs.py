@@ -1,4 +1,4 @@
-"""Log messages, as rows of topic `ml_dash/log` that viewers show in their log panel."""
+"""Records log messages as rows of topic `ml_dash/log`, which viewers show in their log panel."""
 
 from __future__ import annotations
 
@@ -51,6 +51,7 @@ class Logs:
 
     def info(self, message: Any, **beside: Any) -> None:
         """Log what went as it should."""
+        # The frame of the caller: viewers show the file and the line of the user's own call.
         self.write("info", message, beside, sys._getframe(1))
 
     def warn(self, message: Any, **beside: Any) -> None:

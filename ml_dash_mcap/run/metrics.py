@@ -134,6 +134,7 @@ class Metrics:
         check_topic(name)
         about = TopicAbout(description=description, tags=tags, metadata=metadata)
         topic = open_topic(self._recorder, METRIC_TOPICS + name, METRIC, EventTopic, about)
+        # Another thread may have opened the metric meanwhile; then its object stays the only one.
         return self._opened.setdefault(name, metric or Metric(name, topic, self._readback))
 
     def list(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""Rows by index, in the shapes that dreamlake's tracks and ml-dash's metrics return."""
+"""Pages of rows by index, in the shapes that dreamlake's tracks and ml-dash's metrics return."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ def page(rows: Iterable[dict[str, Any]], start_index: int, limit: int, begun_s: 
         RangeError: The start or the limit is negative or no integer.
     """
     check_range(start_index, limit)
+    # One row more than wanted tells whether there are more.
     wanted = list(islice(rows, start_index, start_index + limit + 1))
     points = [point(start_index + place, row, begun_s) for place, row in enumerate(wanted[:limit])]
     return {

@@ -80,6 +80,7 @@ class Parameters:
             raise UsageError(f"params.set({values!r}): pass a dict, or values by name as in params.set(lr=1e-3)")
         flat = {**flatten(held), **flatten(more)}
         with self._merge_lock:
+            # The recorder comes first: it refuses a value that cannot be stored, and then no value is changed.
             self._recorder.set_parameters(flat)
             self._values.update({name: _as_stored(name, value) for name, value in flat.items()})
         return self
@@ -102,6 +103,7 @@ class Parameters:
         with self._merge_lock:
             if self._earlier is None:
                 self._earlier = self._readback.earlier_parameters()
+            # A caller may change what it gets; the stored values must stay.
             values = deepcopy({**self._earlier, **self._values})
         return values if flatten else nest(values)
 
@@ -126,6 +128,7 @@ def flatten(values: Mapping[Any, Any], parent: str = "") -> dict[str, Any]:
 def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
     """Undo `flatten`; a name that lies inside another one's plain value stays dotted."""
     nested: dict[str, Any] = {}
+    # Short names first, so that a plain value is in place before names inside it are met.
     for name in sorted(flat, key=lambda name: name.count(".")):
         *parents, last = name.split(".")
         place: Any = nested

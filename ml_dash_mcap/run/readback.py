@@ -1,4 +1,4 @@
-"""Reading what this process is recording."""
+"""Reads the recording that this process is writing."""
 
 from __future__ import annotations
 
@@ -55,6 +55,7 @@ class Readback:
             if self._recording is None:
                 self._recording = Recording(self._recorder.path)
             else:
+                # Refreshing costs as much as there is new, while opening reads all indexes again.
                 self._recording.refresh()
             return self._recording
 

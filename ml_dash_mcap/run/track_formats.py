@@ -1,4 +1,4 @@
-"""What `read(format=...)` of a track returns: ml-dash's bytes where those of a recording's `read` differ.
+"""Renders what `read(format=...)` of a track returns: ml-dash's bytes where those of a recording's `read` differ.
 
 In ml-dash's bytes the time stamp is called `timestamp`, as in its dict of entries, and its Parquet file is flat.
 """

@@ -1,4 +1,4 @@
-"""Tracks in ml-dash's words: topics that can be appended to and read while they are recorded."""
+"""The tracks of a run, with ml-dash's names: topics that can be appended to and read while they are recorded."""
 
 from __future__ import annotations
 
@@ -259,6 +259,7 @@ class Tracks(Generic[TrackT]):
         """
         track = self._opened.get(topic) if isinstance(topic, str) else None
         given = (description, tags, metadata, units, joint_names, frame_id, quat_order)
+        # The usual call in a control loop: one lookup and one comparison, no checks.
         if track is not None and given == NO_ANNOTATIONS:
             return track
         check_topic(topic)

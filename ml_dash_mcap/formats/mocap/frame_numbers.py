@@ -1,4 +1,4 @@
-"""Frames: which number each sample has at a constant rate, and which times a new rate has."""
+"""Numbers the frames of samples at a constant rate, and finds the times of a new rate."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ TOLERANCE = 0.01
 
 LONGEST_GAP_FRAMES = 2.5
 LONGEST_GAP_S = 0.1
-"""Nothing is interpolated across more than the longer of these."""
+"""Gaps that are longer than both limits are not interpolated."""
 
 _NOISE = 1e-8
-"""Times in nanoseconds say a rate no better than this part of it."""
+"""The relative precision of a rate from times in nanoseconds. A rounded rate that is as near is written instead."""
 
 _EMPTY_FRAMES_FACTOR = 100
 _EMPTY_FRAMES_FREE = 1_000_000
@@ -55,6 +55,7 @@ def spacing(times_ns: Times) -> Spacing:
         return Spacing(0.0, 0.0, 0, 0, int(times_ns[0]) if len(times_ns) else 0, np.arange(len(times_ns)))
     steps = np.diff(times_ns)
     shortest, longest = int(steps.min()), int(steps.max())
+    # `lower` gives a distance that occurs; the mean of two different ones would be the spacing of no sample.
     typical = float(np.quantile(steps, 0.5, method="lower"))
     mean = float(steps[steps <= LONGEST_GAP_FRAMES * typical].mean())
     for base in (typical, float(shortest)):  # where most samples have a hole behind them, the shortest is the frame
@@ -77,12 +78,13 @@ def mean_rate(times_ns: Times, frames: Times) -> float:
 
 
 def too_sparse(frames: Times) -> bool:
-    """Whether there would be absurdly many frames without a sample."""
+    """Whether a file of all frames would consist of empty frames almost entirely: 100 and more for each sample."""
     return len(frames) > 0 and int(frames[-1]) > _EMPTY_FRAMES_FREE + _EMPTY_FRAMES_FACTOR * len(frames)
 
 
 def count_at(rate: float, first_s: float, last_s: float) -> int:
     """Return how many frames a rate has between two times, the first included, and the last if it falls on one."""
+    # A last frame that rounding puts just behind the end still counts.
     return math.floor((last_s - first_s) * rate + 1e-6) + 1
 
 

@@ -1,4 +1,4 @@
-"""Two tables of one take, row by row: rows of the same time become one row."""
+"""Joins two tables of one take row by row: rows of the same time become one row."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ def joined(left_rows: Iterable[Rows], right_rows: Iterable[Rows], widths: tuple[
     """
     left, right = _RowStream(left_rows, widths[0]), _RowStream(right_rows, widths[1])
     while True:
+        # Below the smaller bound no more rows can come from either table, so these rows are final.
         bound = min(left.bound(), right.bound())
         first, second = left.take(bound), right.take(bound)
         if not len(first[0]) and not len(second[0]):  # times that are not in order

@@ -1,4 +1,4 @@
-"""Rows as the motion capture dict of ml-dash."""
+"""Renders rows as the motion capture dict of ml-dash."""
 
 from __future__ import annotations
 

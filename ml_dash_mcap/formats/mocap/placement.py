@@ -1,4 +1,4 @@
-"""Where the numbers of fields stand in a table, and the note in a file's header that says so."""
+"""The columns of a table that hold the numbers of each field, and the note in a file's header that records them."""
 
 from __future__ import annotations
 
@@ -53,6 +53,7 @@ def to_text(note: Note) -> str:
         about["fields"].append([list(placement.path), list(placement.shape), list(placement.columns)])
     parts = {"v": _VERSION, "origin": note.origin, "up": note.up, "topics": topics, "joints": note.joints}
     text = orjson.dumps(parts).decode()
+    # The headers have no stated encoding and some tools rewrite them; ASCII survives all of them.
     return "".join(letter if " " <= letter <= "~" else _escape(letter) for letter in text)
 
 
@@ -121,6 +122,7 @@ class Placing:
             self._put(thing.topic, thing.position, where.get("position", []))
             rotation = where.get("rotation", [])
             if thing.order == "wxyz" and rotation:
+                # Files have x y z w; the placement gives the columns in the order that the field had.
                 rotation = [rotation[3], *rotation[:3]]
             self._put(thing.topic, thing.rotation, rotation)
             if thing.error is not None:

@@ -1,4 +1,4 @@
-"""Samples at other times: linear, along the shortest arc, or held."""
+"""Resamples values at other times: linearly, along the shortest arc, or held."""
 
 from __future__ import annotations
 
@@ -37,6 +37,7 @@ def at(times: Floats, values: Floats, wanted: Floats, longest_gap_s: float, how:
     before = np.searchsorted(times, wanted, side="right") - 1
     after = np.minimum(before + 1, len(times) - 1)
     clipped = np.maximum(before, 0)
+    # A sample at the wanted time is copied and not computed, so that it keeps all its bits.
     exact = (before >= 0) & (times[clipped] == wanted)
     placed[exact] = values[before[exact]]
     if how == "hold":

@@ -1,4 +1,4 @@
-"""Tables that this library wrote: numbers to the fields, units and axes that they had when they were recorded."""
+"""Restores tables that this library wrote to the fields, units and axes of the recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When the rows of a table were taken: at the times that it prints, or at those that its frames have at its rate."""
+"""Times the rows of a table: by the times that the file prints, or by its frame numbers and rate."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..text.headers import preview
 from ..text.number_cells import Cells, Floats, NumberPart
 
 _SLACK = 1e-6
-"""Of the last printed digit: what doubles may be off by."""
+"""The part of the last printed digit by which doubles may be off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +92,7 @@ def find(clue: Clue, cells: Cells, file: BinaryIO, line: int, origin: float) -> 
         grid = max(_grid(cells, clue.time, head), _grid(cells, clue.time, tail))
         at = file.tell()
         timing = _by_frames(clue, cells.read(file, line), grid)
+        # The same cells are parsed again for the rows, and must not be counted twice.
         cells.bad = 0
         file.seek(at)
         if timing is not None:
@@ -192,12 +193,14 @@ def _by_frames(clue: Clue, parts: Iterable[NumberPart], grid: float) -> Timing |
         low, high = min(low, off.min(initial=np.inf)), max(high, off.max(initial=-np.inf))
     if first is None:
         return None
+    # A printed time was rounded or cut, so it may differ from the frame's own time by one last digit.
     best = grid * (1 + _SLACK)
     chosen: tuple[float, float] | None = None
     for start, base in (*((start, 0.0) for start in clue.starts), first):
         offset = base - start / clue.rate
         worst = max(high - offset, offset - low)
         if worst <= best:
+            # A later start must fit better by more than rounding, or else the first of them stays.
             best, chosen = worst - grid * _SLACK, (start, base)
     if chosen is None:
         return None

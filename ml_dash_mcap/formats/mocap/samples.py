@@ -1,4 +1,4 @@
-"""A topic's numbers, time range by time range, as one matrix of doubles."""
+"""Reads a topic's numbers, time range by time range, as one matrix of doubles."""
 
 from __future__ import annotations
 
@@ -91,6 +91,7 @@ class Samples:
                 part = values[:, at : at + math.prod(shape)]
                 if not _fill(part, block.columns[name].array, shape):
                     part[:] = self._column(block, name, shape, times)
+        # The formats spell a missing number, but neither infinity.
         values[~np.isfinite(values)] = np.nan
         return times, values
 

@@ -1,4 +1,4 @@
-"""Moments as headers spell them: in the languages that Windows and Qt speak, with 12 or with 24 hours."""
+"""Reads moments as headers spell them: in the languages that Windows and Qt speak, with 12 or with 24 hours."""
 
 from __future__ import annotations
 
@@ -84,6 +84,7 @@ def read(path: Path, text: str, key: str, timezone: str) -> float | None:
     Raises:
         OptionError: There is no such time zone.
     """
+    # Raises for an unknown time zone even if the header has no time: a wrong option must not depend on the file.
     seconds_at((2000, 1, 1, 0, 0, 0), "", timezone)
     if not text.strip():
         return None
@@ -111,6 +112,7 @@ def _seconds(text: str, timezone: str) -> float | None:
     if words in _AFTERNOON | _MORNING:
         if not 0 <= hour <= 12 and words in _MORNING:
             return None
+        # 12 AM is midnight and 12 PM is noon.
         hour = hour % 12 + 12 * (words in _AFTERNOON)
     elif words:
         return None

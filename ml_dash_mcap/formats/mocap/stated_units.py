@@ -1,4 +1,4 @@
-"""The units that a file states, field by field, and what was done with its lengths."""
+"""The units that a file states, field by field, and how its lengths were converted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Matrices of numbers as the text of tables, with the fewest digits that come back as the same number."""
+"""Spells matrices of numbers as the text of tables, with the fewest digits that give the same numbers back."""
 
 from __future__ import annotations
 
@@ -76,8 +76,10 @@ class TableText:
         return [f"{time:.{self._time_decimals}f}".encode() for time in times.tolist()]
 
     def _plain(self, values: Floats) -> list[bytes]:
+        # orjson writes the shortest spelling of each double and NaN as null, a whole matrix in one call.
         text, border = orjson.dumps(np.ascontiguousarray(values), option=orjson.OPT_SERIALIZE_NUMPY), b"],["
         if self._separator != b",":
+            # Only numbers, commas and brackets are in the text, so every comma separates cells.
             table = bytes.maketrans(b",", self._separator)
             text, border = text.translate(table), border.translate(table)
         rows = text.split(border)
@@ -126,6 +128,7 @@ def shifted(value: float, places: int) -> str:
     whole, _, fraction = mantissa.partition(".")
     digits = whole + fraction
     point = len(whole) + int(exponent or 0) + places
+    # Very small and very large numbers keep an exponent instead of a long row of zeros.
     if not -20 < point < 40:
         return f"{sign}{mantissa}e{int(exponent or 0) + places}"
     if point <= 0:

@@ -1,4 +1,4 @@
-"""A take: what motion capture files hold of a recording, on one clock, window by window."""
+"""A take: the content of motion capture files of a recording, on one clock, window by window."""
 
 from __future__ import annotations
 
@@ -103,6 +103,7 @@ class OutgoingTake:
     def _topic(self, topic: str, counter: RowCounter) -> TopicFrames:
         mine = [(thing, at) for thing, at in self.columns() if thing.topic == topic]
         info = self.job.topics[topic]
+        # Between the integers of a mode or a counter there is nothing, so they are held.
         held = {name for name, field in info.fields.items() if field.type == "integer" and not field.shape}
         return TopicFrames(self.job.part(topic), info.metadata, mine, self.clock, self.options, counter, held=held)
 

@@ -1,4 +1,4 @@
-"""The clock of a take: the times of the topics' rows, or a rate that they are resampled to."""
+"""Makes the clock of a take: the times of the topics' rows, or a rate that they are resampled to."""
 
 from __future__ import annotations
 
@@ -104,6 +104,7 @@ class Clock:
         times_ns = clocks.to_nanoseconds_each(times).astype(np.int64)
         after = np.minimum(np.searchsorted(self.times_ns, times_ns), len(self.times_ns) - 1)
         before = np.maximum(after - 1, 0)
+        # The double of a time may lie a few nanoseconds beside the stored time, so the nearest sample is taken.
         is_before = np.abs(self.times_ns[before] - times_ns) < np.abs(self.times_ns[after] - times_ns)
         return np.searchsorted(self.times_ns, self.times_ns[np.where(is_before, before, after)])
 
@@ -165,6 +166,7 @@ def _times(job: Job, topic: str, low: int, high: int) -> npt.NDArray[np.int64]:
         return times_ns
     distinct = np.unique(times_ns)
     is_whole = len(times_ns) == len(stored.times())
+    # Reading the rows is slow; it is needed only where two different doubles fall into one nanosecond.
     if is_whole and counts.count(stored) == len(distinct):
         return distinct
     stamps = np.array([row[TIME_KEY] for row in job.part(topic).rows()], np.float64)

@@ -1,4 +1,4 @@
-"""What of a recording goes into a take: the bodies, markers and joints of its topics, or every number."""
+"""Chooses the parts of a recording that go into a take: bodies, markers and joints, or every number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The points of a take, for formats that have nothing else: markers, and where bodies are."""
+"""Lays out the points of a take for formats that have only points: markers, and the positions of bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One topic's part in a take: its samples, prepared and put into the frames."""
+"""Prepares the samples of one topic and puts them into the frames of a take."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from .take_options import TakeOptions
 Floats = npt.NDArray[np.float64]
 Thing = Body | Marker | Joint
 
+# A recording often starts near the identity, whose number of size 1 is w; at the first place it suggests w x y z.
 _IDENTITY_FIRST = 0.999
 _NEAR_S = 1e-5
 """A row's double and its log time are closer than this."""
@@ -54,7 +55,7 @@ class TopicFrames:
             held: Dotted names of fields whose numbers are held where others are interpolated.
         """
         self.bad = 0
-        """How many values were left out because they are no rotations."""
+        """The number of values that were left out because they are no rotations."""
         self._name = part.topic
         self._clock = clock
         self._options = options
@@ -101,12 +102,15 @@ class TopicFrames:
             )
             times[rows] = found_times
         for source_columns, columns in self._copied:
+            # Columns side by side are copied as slices in one step; that holds for most columns of most takes.
             values[rows, columns] = numbers_read[:, source_columns]
         for thing, at, source, offset, how in self._others:
             numbers = self._prepared(thing, source, how, numbers_read[:, self._samples.places(source)], found_times)
             for part, column, kind in _split(numbers, offset, how):
                 placed = resample.at(found_times, part, times, gap, kind) if clock.is_resampled else part
                 if kind == "slerp" and self._options.canonical:
+                    # Windows are filled one by one, so the sign of the last quaternion is carried into the next
+                    # window.
                     placed, self._last[at] = rotations.continuous(placed, self._last.get(at))
                 values[rows, at + column : at + column + placed.shape[1]] = placed
 
@@ -135,7 +139,7 @@ class TopicFrames:
     def _judge(
         self, bad: npt.NDArray[np.bool_], numbers: Floats, thing: Thing, source: NumberSource, times: Floats
     ) -> None:
-        """Raise, or count, what is no rotation."""
+        """Raise an error for values that are no rotations, or count them."""
         if not bad.any():
             return
         if self._options.on_bad == "missing":

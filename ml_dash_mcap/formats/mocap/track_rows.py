@@ -1,4 +1,4 @@
-"""Matrices of numbers as the rows of topics: each row of a table is a sample of its own."""
+"""Appends matrices of numbers as rows of topics: each row of a table is a sample of its own."""
 
 from __future__ import annotations
 
@@ -102,6 +102,7 @@ class Arrays:
         for placement in self._topics[topic]:
             numbers = values[:, placement.columns]
             missing = np.isnan(numbers)
+            # An array of objects can hold None where a number is missing.
             values_of_rows = numbers.astype(object)
             values_of_rows[missing] = None
             listed: list[Any] = values_of_rows.reshape(len(rows), *placement.shape).tolist()
@@ -116,7 +117,7 @@ class Arrays:
 
 
 class TopicRows(Arrays):
-    """The same out of a text file, whose times may be none."""
+    """Appends rows of a text file, some of which may have no valid time."""
 
     def append_from(
         self, cells: Cells, times: Floats, values: Floats, part: NumberPart, column: int | None = None
@@ -155,6 +156,7 @@ def checked(
         row = int((~good).argmax())
         time = float(times[row])
         problem = f"the row has the time {time!r} s, and those of a recording go from 0 to the year 2262"
+        # Only NaN is unequal to itself.
         if time != time:
             problem = "the row has no time"
         elif time < 0:
@@ -183,6 +185,7 @@ class ReadingProgress:
         """So many more rows are done, and so much of the file was read."""
         self._rows += rows
         if self._progress is not None:
+            # The number of rows is unknown until the end; it is estimated from the part of the file that was read.
             total = round(self._rows * self._size / max(bytes_read, 1))
             self._progress(self._rows, max(total, self._rows))
 

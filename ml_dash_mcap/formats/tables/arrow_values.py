@@ -1,4 +1,4 @@
-"""Arrow columns of any type as columns of what a row can hold.
+"""Converts Arrow columns of any type into columns of values that a row can hold.
 
 Text, bytes, booleans, numbers, lists and structs stay what they are. What JSON has no type for keeps all that it says:
 
@@ -60,6 +60,8 @@ def _of_single(array: pa.Array, type_: pa.DataType) -> pa.Array:
     if pa.types.is_floating(type_):
         return array.cast(pa.float64())
     name = str(type_)
+    # The name covers all variants, also `binary_view` and `large_binary`, which old versions of pyarrow lack a test
+    # for.
     if "binary" in name:
         return array.cast(pa.binary())
     if "string" in name or pa.types.is_decimal(type_) or pa.types.is_date(type_) or pa.types.is_time(type_):
@@ -72,6 +74,7 @@ def _of_single(array: pa.Array, type_: pa.DataType) -> pa.Array:
 
 
 def _iso(array: pa.Array) -> pa.Array:
+    # Arrow's cast keeps all digits of the unit, which Python's datetime would cut to microseconds.
     texts = pc.replace_substring(array.cast(pa.string()), " ", "T", max_replacements=1)
     if array.type.tz is None:
         return texts
@@ -88,6 +91,7 @@ def _of_list(array: pa.Array) -> pa.Array:
     if pa.types.is_fixed_size_list(array.type) and not has_gaps:
         return pa.FixedSizeListArray.from_arrays(plain(array.flatten()), array.type.list_size)
     lengths = pc.list_value_length(array)
+    # List views have no offsets in one order; they are rare, and go through Python.
     if not (pa.types.is_list(array.type) or pa.types.is_large_list(array.type) or _is_fixed(array.type)):
         return pa.array(array.to_pylist(), pa.list_(plain(pa.array([], array.type.value_type)).type))
     counts = (pc.fill_null(lengths, 0) if has_gaps else lengths).to_numpy(zero_copy_only=False)

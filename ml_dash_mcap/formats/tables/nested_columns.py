@@ -1,4 +1,4 @@
-"""Dotted columns as structs again."""
+"""Turns columns with dotted names into structs."""
 
 from __future__ import annotations
 

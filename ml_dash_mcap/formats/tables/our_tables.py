@@ -1,4 +1,4 @@
-"""Tables that this library wrote, as the rows that they were: what `formats.tables.parquet.layout` does, undone.
+"""Reads tables that this library wrote back into their rows: the reverse of `formats.tables.parquet.layout`.
 
 Null is a field that a row does not have; where a column has no value at all, every row had None there. Messages and
 tables of others have all of their fields in each row: null is None there.
@@ -59,7 +59,7 @@ class OurTable:
         params = about.run.get("params")
         if isinstance(params, Mapping) and params:
             recorder.set_parameters(params)
-        kind = TRACK if about.kind == TRACK else MESSAGE  # which merges nothing, where nothing says what it was
+        kind = TRACK if about.kind == TRACK else MESSAGE  # messages never merge, so this is safe for an unknown kind
         return open_topic(
             recorder,
             name,

@@ -1,4 +1,4 @@
-"""What this library writes into its tables about their rows, so that they come back as they were."""
+"""The description that this library writes into its tables, so that their rows come back as they were."""
 
 from __future__ import annotations
 

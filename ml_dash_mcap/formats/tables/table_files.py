@@ -1,4 +1,4 @@
-"""Files with a table each: one of them, or a folder of nothing else."""
+"""Reads files with a table each: one file, or a folder of nothing else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A table's rows as those of one topic: each a sample of its own, at the time that a column says."""
+"""Reads the rows of a table as those of one topic: each a sample of its own, at the time that a column states."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _KNOWN_UNITS = {
     *table_times.UNITS,
     *("V", "mV", "A", "mA", "W", "J", "Hz", "kHz", "Pa", "hPa", "kPa", "bar", "kg", "N/m", "%", "px"),
 }
-"""Units that are taken for such where they stand in brackets; other words there may mean anything."""
+"""Words in brackets behind a column's name that are taken for its unit. Other words there may mean anything."""
 
 UNIT_KEYS = (UNIT_KEY, b"unit", b"units")
 """What a column's metadata may call its unit."""
@@ -113,7 +113,7 @@ def record(file: TableFile, name: str, recorder: Recorder, options: TableReadOpt
 
 
 class _Intake:
-    """What the tables of this library and of others have in common: rows, and which of them have a time."""
+    """The common part of reading our own tables and those of others: picks the rows that have a time."""
 
     def __init__(self, file: TableFile, options: TableReadOptions) -> None:
         self._file, self._options = file, options
@@ -130,6 +130,7 @@ class _Intake:
         first = self.rows
         self.rows += batch.num_rows
         if good.all():
+            # Adding 0.0 turns -0.0 into 0.0, which the recorder stores.
             return batch, times + 0.0
         if self._options.on_bad == "raise":
             at = int((~good).argmax())

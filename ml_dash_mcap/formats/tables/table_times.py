@@ -1,4 +1,4 @@
-"""The column of times of a table: which one it is, and its times in seconds."""
+"""Finds the column of times of a table, and returns its times in seconds."""
 
 from __future__ import annotations
 
@@ -142,6 +142,7 @@ def _divided(numbers: npt.NDArray[Any], by: int) -> Floats:
     """Divide integers, each rounded once."""
     if by == 1 or not len(numbers) or (int(numbers.min()) >= -EXACT_INTEGER and int(numbers.max()) <= EXACT_INTEGER):
         return numbers.astype(np.float64) / by
+    # Python divides integers with one rounding; numpy would first round those above 2**53 to doubles.
     return np.array([number / by for number in numbers.tolist()])
 
 
@@ -187,6 +188,7 @@ def _rank(name: str) -> int | None:
     plain = name.strip().lower()
     for more, candidate in enumerate((plain, _bare(plain), _BEHIND.sub("", plain), _BEHIND.sub("", _bare(plain)))):
         if candidate in NAMES:
+            # The name counts first; within it, the spelling as it is beats one without prefix or unit.
             return 4 * NAMES.index(candidate) + more
     return None
 
@@ -208,6 +210,7 @@ def _unit_behind(name: str) -> str | None:
 
 def _plain_unit(path: Path, name: str, type_: pa.DataType, range_of: Callable[[str], tuple[Any, Any]]) -> str:
     low, high = range_of(name)
+    # Only NaN is unequal to itself.
     if low is None or high is None or low != low or high != high:
         return "s"
     for unit, count in UNITS.items():

@@ -1,4 +1,4 @@
-"""Writing what must be laid out before its first row: in one pass over the rows, or in two.
+"""Writes a file whose layout must be known before its first row: in one pass over the rows, or in two.
 
 The layout is guessed from the topic's schema and its first block. If a later block does not fit, the rest of the
 rows is only looked at, and all are written again, by the layout that suits all of them. Memory holds a block.
@@ -47,6 +47,8 @@ def write(
         done, fits = 0, True
         with begin() as put:
             while block is not None:
+                # After the first block that does not fit, the rest is only looked at, so that a second pass always
+                # fits.
                 fits = fits and layout.holds(block)
                 if fits:
                     put(block)

@@ -1,4 +1,4 @@
-"""How a text file separates its cells and spells its decimals: as its tool writes it, or as a spreadsheet saves it."""
+"""The dialect of a text file: how it separates cells and spells decimals, as its tool or a spreadsheet wrote it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Dialect:
         """Return the cells of a line, without the blanks and quotes around them."""
         if self.separator == " ":
             return [_unquoted(cell) for cell in re.split(r"[ \t]+", line.strip(BLANKS)) if cell]
-        if self.separator == "\t" or '"' not in line:
+            # In files with tabs a cell may begin with a quote that nothing closes; the csv module would join cells.
             return [_unquoted(cell) for cell in line.split(self.separator)]
         try:
             cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])

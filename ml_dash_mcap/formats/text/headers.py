@@ -1,4 +1,4 @@
-"""The first lines of text files."""
+"""Reads the first lines of text files."""
 
 from __future__ import annotations
 
@@ -101,6 +101,7 @@ def preview(file: BinaryIO, stop: int | None = None) -> tuple[list[str], list[st
     at = file.tell()
     head = file.read(_PREVIEW_BYTES if stop is None else min(_PREVIEW_BYTES, stop - at))
     end = file.seek(0, 2) if stop is None else stop
+    # The first and the last line of a part may be cut, so they count only at the ends of the file.
     is_whole = at + len(head) >= end
     tail_at = max(at, end - _PREVIEW_BYTES)
     file.seek(tail_at)

@@ -1,4 +1,4 @@
-"""Tables of numbers out of text files: parsed in bulk, and cell by cell where something is wrong."""
+"""Parses tables of numbers in text files: in bulk, and cell by cell where something is wrong."""
 
 from __future__ import annotations
 
@@ -32,6 +32,7 @@ MISSING = (
 """How files spell that there is no number; the last are those of Microsoft's C."""
 
 _CHUNK_BYTES = 1 << 21
+# A file without ends of lines must not be read into memory as one line.
 _LONGEST_LINE_BYTES = 1 << 24
 _SHOWN = 40
 _BLANKS = re.compile(rb"[ \t]+")
@@ -159,11 +160,12 @@ class Cells:
         try:
             table = pv.read_csv(
                 pa.py_buffer(data),
+                # `read_ahead` already runs several chunks at a time, so pyarrow's own threads would only compete.
                 pv.ReadOptions(column_names=names, block_size=1 << 20, use_threads=False),
                 pv.ParseOptions(
                     delimiter=self.dialect.separator,
                     quote_char='"' if b'"' in data else False,
-                    # a table of one column would lose a row whose cell is blank; here it always has more
+                    # pyarrow drops the blank row of a table of one column; these tables always have more columns.
                 ),
                 pv.ConvertOptions(
                     column_types=types,
@@ -176,6 +178,7 @@ class Cells:
             values, texts = self._columns(table, shifts, is_text)
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError, UnicodeDecodeError):
             return None
+        # A number that is too large becomes infinite without an error; the slow way names its line and column.
         if np.isinf(values).any() or any(table.column(at).null_count < len(values) for at in self._padded()):
             return None
         lines = np.arange(chunk.line, chunk.line + len(values))
@@ -192,6 +195,7 @@ class Cells:
     def _columns(
         self, table: pa.Table, shifts: Sequence[int], is_text: Sequence[bool]
     ) -> tuple[Floats, dict[int, list[str | None]]]:
+        # Columns are filled one by one, so they lie one by one in memory.
         values = np.empty((table.num_rows, self.columns), order="F")
         texts: dict[int, list[str | None]] = {}
         for number in range(self.columns):
@@ -207,6 +211,7 @@ class Cells:
                     if pc.any(pc.match_substring(text, ".")).as_py():
                         raise pa.ArrowInvalid("a point where commas are")
                     text = pc.replace_substring(text, ",", ".")
+                # Moving the decimal point in the text is exact; multiplying the double would round a second time.
                 column = pc.binary_join_element_wise(text, f"e{shifts[number]}", "").cast(pa.float64())
             values[:, number] = column.to_numpy()
         return values, texts
@@ -282,6 +287,7 @@ class Cells:
         if text in MISSING:
             return math.nan
         try:
+            # Python's `float` takes `1_000`, which no file means as a number.
             if "_" in text or (self.dialect.decimal == "," and "." in text):
                 raise ValueError
             spelt = text.replace(",", ".") if self.dialect.decimal == "," else text

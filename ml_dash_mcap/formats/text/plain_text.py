@@ -1,4 +1,4 @@
-"""Text files as UTF-8 with ends of lines that are or end in a line feed, whatever their tool writes."""
+"""Opens text files as UTF-8 with line feeds at the ends of lines, whatever encoding their tool wrote."""
 
 from __future__ import annotations
 
@@ -62,5 +62,6 @@ def _copy(file: BinaryIO, copy: IO[bytes], *, is_wide: bool) -> None:
     while piece := file.read(_PIECE_BYTES):
         if is_wide:
             piece = decode.decode(piece).encode("utf-8", "replace")
+        # Only files without any line feed have the ends of lines of old Macs; in others "\r" belongs to "\r\n".
         has_line_feeds = has_line_feeds or b"\n" in piece[:_SNIFFED_BYTES]
         copy.write(piece if has_line_feeds else piece.replace(b"\r", b"\n"))

@@ -1,4 +1,4 @@
-"""What the points and channels of a foreign C3D file are: markers, model outputs, bodies, analog signals."""
+"""Maps the points and channels of a foreign C3D file to fields: markers, model outputs, bodies, analog signals."""
 
 from __future__ import annotations
 
@@ -71,6 +71,7 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> C3dFi
         _note_unit(fields, placed, "m", {**about, "length_units": "m", "quat_order": "xyzw", **more})
     channels = _labels(head, layout.ANALOG, data.channels, "channel")
     stated = head.text(layout.ANALOG, layout.UNITS)
+    # Files may name fewer units than channels.
     stated += [""] * (len(channels) - len(stated))
     for at, (name, own) in enumerate(zip(channels, stated, strict=False)):
         placement = Placement(ANALOG_TOPIC, (name,), (), (at,))

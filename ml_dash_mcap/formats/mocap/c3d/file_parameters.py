@@ -1,4 +1,4 @@
-"""The header and the parameters of C3D files (The C3D File Format, User Guide, c3d.org)."""
+"""Reads the header and the parameters of C3D files (The C3D File Format, User Guide, c3d.org)."""
 
 from __future__ import annotations
 
@@ -43,6 +43,7 @@ class NumberForm:
         """Return reals of 32 bits; those of DEC have their halves swapped, and an exponent that is larger by 2."""
         if self.processor != "dec":
             return np.frombuffer(data, f"{self._order}f4").astype(np.float32)
+        # DEC's exponent has another bias, so the same bits mean four times the number in IEEE's form.
         halves = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1]
         reals: npt.NDArray[np.float32] = np.ascontiguousarray(halves).view("<f4").reshape(-1) / np.float32(4)
         return reals
@@ -130,6 +131,8 @@ def _parameters(path: Path, data: memoryview, numbers: NumberForm, is_cut: bool)
     at = 0
     try:
         while at + 2 <= len(data):
+            # A negative length marks a locked parameter, and a negative number is that of a group (User Guide,
+            # Parameter section).
             length, group = abs(_signed(data[at])), _signed(data[at + 1])
             if not length or not group:
                 break
@@ -172,6 +175,7 @@ def _value(data: memoryview, at: int, numbers: NumberForm) -> Any:
         values = numbers.integers(raw)
     else:
         values = numbers.reals(raw)
+    # C3D stores the first dimension fastest, as Fortran does.
     return values.reshape(shape, order="F")
 
 
@@ -187,6 +191,7 @@ def _decoded(raw: bytes) -> str:
     try:
         return raw.decode()
     except UnicodeDecodeError:
+        # The format says ASCII, and Windows tools write their own letters. Latin-1 decodes any bytes.
         return raw.decode("latin-1")
 
 

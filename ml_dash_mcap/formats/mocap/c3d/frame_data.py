@@ -1,4 +1,4 @@
-"""The data of C3D files: points, analog channels and rotations, some frames at a time."""
+"""Reads the data of C3D files: points, analog channels and rotations, some frames at a time."""
 
 from __future__ import annotations
 
@@ -57,6 +57,7 @@ class Data:
         values = (numbers.reals(raw) if self.is_real else numbers.integers(raw)).reshape(stop - first, -1)
         points = values[:, : 4 * head.points].reshape(stop - first, head.points, 4).astype(np.float64)
         places = points[:, :, :3] * (1.0 if self.is_real else np.float64(np.float32(head.scale)))
+        # A negative residual marks a point that is missing or invalid (c3d.org, User Guide).
         places[points[:, :, 3] < 0] = np.nan
         analogs = values[:, 4 * head.points :].reshape(-1, self.channels) if self.channels else np.empty((0, 0))
         return Frames(places, self._scaled(analogs))
@@ -73,6 +74,7 @@ class Data:
         scales = _padded(head.array("ANALOG", "SCALE"), count, 1.0)
         offsets = _padded(head.array("ANALOG", "OFFSET"), count, 0.0)
         if is_unsigned:
+            # Parameters have signed 16 bits only, so an unsigned offset above 32,767 was stored as a negative number.
             offsets = np.where(offsets < 0, offsets + 65536, offsets)
         scaled: Floats = (values.astype(np.float64) - offsets) * scales * (1.0 if scale is None else scale)
         return scaled
@@ -137,6 +139,7 @@ def rotations(path: Path, head: Head, data: memoryview, count: int) -> tuple[Flo
     if at < 0 or at + size > len(data):
         raise ForeignFileError(path, f"it is no whole C3D file: its rotations end at byte {len(data)} of {at + size}")
     values = head.numbers.reals(data[at : at + size]).reshape(-1, bodies, _ROTATION_VALUES).astype(np.float64)
+    # The copy makes the swapped matrices contiguous, for the many products that follow.
     matrices = values[:, :, :16].reshape(-1, bodies, 4, 4).swapaxes(2, 3).copy()
     matrices[values[:, :, 16] < 0] = np.nan
     return matrices, ratio
@@ -175,6 +178,7 @@ def _stated(head: Head) -> list[int]:
     for name in ("LONG_FRAMES", "FRAMES"):
         value = head.first_number("POINT", name)
         if value is not None:
+            # More than 32,767 frames look negative in a signed 16-bit parameter.
             counts.append(value + 65536 if value < 0 else value)
     counts.append(head.last - head.first + 1)
     return [int(count) for count in dict.fromkeys(counts) if count > 0]
@@ -182,6 +186,7 @@ def _stated(head: Head) -> list[int]:
 
 def _field(head: Head, name: str) -> int | None:
     """Return a frame's number that stands in two words of 16 bits, the lower first."""
+    # Programs store long frame numbers as two signed words, each of which may look negative.
     words = head.array("TRIAL", name)
     if not len(words):
         return None

@@ -1,4 +1,4 @@
-"""C3D files: markers, model outputs, rotations of bodies, analog channels."""
+"""Reads C3D files: markers, model outputs, rotations of bodies, analog channels."""
 
 from __future__ import annotations
 
@@ -49,6 +49,7 @@ def record(src: Path, recorder: Recorder, options: C3dReadOptions, progress: Pro
     """
     if not src.stat().st_size:
         raise ForeignFileError(src, "it is no whole C3D file: it is empty")
+    # Mapped instead of read: only the frames of the current part need memory.
     raw = memoryview(cast(Any, np.memmap(src, np.uint8, "r")))
     head = file_parameters.read(src, raw)
     data, is_cut = frame_data.lay_out(src, head, raw, is_lenient=options.on_bad == "missing")
@@ -140,6 +141,7 @@ class _Take:
         rate = stated if stated and stated > 0 else self.head.rate if group == layout.POINT else 0.0
         if not 0 < rate < 1e9:
             raise ForeignFileError(self.path, f"{group}:RATE is {stated}, which is no rate in Hz")
+        # The rate is float32 in the file. The text of our own note counts only while it rounds to the same float32.
         exact = _exact_rate(self.head) if group == layout.POINT else None
         return exact if exact is not None and np.float32(exact) == np.float32(rate) else rate
 

@@ -1,4 +1,4 @@
-"""C3D files, written by ezc3d: points, rotations of bodies, joints as analog channels (c3d.org, User Guide)."""
+"""Writes C3D files with ezc3d: points, rotations of bodies, joints as analog channels (c3d.org, User Guide)."""
 
 from __future__ import annotations
 
@@ -113,6 +113,7 @@ def _fill(file: Any, take: OutgoingTake, values: Floats, unit: str) -> None:
 def _add_note(file: Any, note: Note, rate: float) -> None:
     text = to_text(note)
     file.add_parameter(layout.NOTES, layout.RATE, [repr(rate)])
+    # The dimensions of a parameter have 8 bits, so a long text is stored as a list of pieces.
     pieces = [text[at : at + layout.NOTE_PIECE] for at in range(0, len(text), layout.NOTE_PIECE)]
     file.add_parameter(layout.NOTES, layout.NOTE, pieces)
 

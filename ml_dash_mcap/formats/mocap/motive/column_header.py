@@ -1,4 +1,4 @@
-"""The header of Motive's CSV: its pairs, and what each column is."""
+"""Reads the header of Motive's CSV: its pairs, and the type, name, group and axis of each column."""
 
 from __future__ import annotations
 
@@ -71,6 +71,7 @@ def read_columns(path: Path, header: HeaderLines, dialect: Dialect) -> ColumnHea
             lines.append(header.line)
         if rows and rows[-1][0].lower() == layout.FRAME.lower():
             break
+        # Motive writes at most five rows above it (version 1.25). More rows, or numbers, mean that it is missing.
         if len(rows) > 6 or (rows and number(rows[-1][0]) is not None):
             raise ForeignFileError(path, "the header has no row that begins with 'Frame'", header.line)
     *above, axes = rows

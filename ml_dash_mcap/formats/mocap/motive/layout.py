@@ -1,4 +1,4 @@
-"""How Motive's CSV files are laid out (docs.optitrack.com, Data Export: CSV): a line of pairs, then rows by column.
+"""The layout of Motive's CSV files (docs.optitrack.com, Data Export: CSV): a line of pairs, then rows by column.
 
 Which rows stand above the numbers differs by version; 1.23 and later label them.
 """

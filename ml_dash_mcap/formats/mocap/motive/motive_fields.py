@@ -1,4 +1,4 @@
-"""Where the columns of a foreign file of Motive's go: topics, fields, units."""
+"""Maps the columns of a foreign file of Motive's to topics, fields and units."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def foreign(
     of_columns = [unit if column.group in layout.LENGTHS else "" for column in columns]
     fields = stated_units.by_topic(placements, of_columns)
     metadata = {"quat_order": "xyzw", "length_units": "m", "up": "y", "motive": about, **stated_units.converted([unit])}
-    return placements, {  # y is up unless changed in Motive
+    return placements, {  # Motive's exports have y up unless the user changed it
         placement.topic: {**metadata, "units": stated_units.of_parents(fields.get(placement.topic, {}))}
         for placement in placements
     }
@@ -96,6 +96,7 @@ def _topic_of(column: HeaderColumn, bodies: Sequence[str]) -> tuple[str, str]:
     before, colon, behind = column.name.partition(":")
     if colon and before and behind:
         return before, behind
+    # The longest name first: markers of `hand_left` would also fit a body `hand`.
     for body in sorted(bodies, key=len, reverse=True):
         if column.name.startswith(f"{body}_"):
             return body, column.name[len(body) + 1 :]

@@ -1,4 +1,4 @@
-"""OptiTrack Motive CSV, versions 1.2 to 1.25.
+"""Reads OptiTrack Motive CSV, versions 1.2 to 1.25.
 
 Which rows the header has differs by version; they are told by what they hold. 1.2 and 1.21 have rows of types, names
 and IDs without labels, 1.23 labels them, 1.24 may have a column of time codes, and 1.25 a row of parents.
@@ -49,6 +49,7 @@ def record(src: Path, recorder: Recorder, options: MotiveReadOptions, progress: 
     with opened(src) as file:
         header = HeaderLines(src, file)
         first = header.first("its first line")
+        # The pairs may hold paths and notes with any letters; what follows the first key is the separator.
         dialect = of_line(first.lstrip(' "').removeprefix(layout.FORMAT_VERSION).lstrip(' "')[:1], default=",")
         pairs = column_header.read_pairs(src, first, dialect)
         header_columns = column_header.read_columns(src, header, dialect)

@@ -1,4 +1,4 @@
-"""OptiTrack Motive CSV, versions 1.23 and 1.25.
+"""Writes OptiTrack Motive CSV, versions 1.23 and 1.25.
 
 The header is that of Motive 2 and 3's own exports, with more pairs behind its first line: what the
 recording was.
@@ -177,6 +177,7 @@ def _type(thing: Thing) -> str:
 
 
 def _identity(thing: Thing) -> str:
+    # Motive's IDs are 32 hexadecimal digits. Ours come from the name, so that the same take gives the same file.
     return hashlib.sha256(f"{thing.topic}/{thing.name}".encode()).hexdigest()[:32].upper()
 
 

@@ -1,4 +1,4 @@
-"""Qualisys Track Manager TSV files: markers, and bodies with six degrees of freedom."""
+"""Reads TSV files of Qualisys Track Manager: markers, and bodies with six degrees of freedom."""
 
 from __future__ import annotations
 
@@ -212,6 +212,7 @@ def _bodies(numbers: Floats, columns: int) -> Floats:
         body = numbers[:, at : at + columns]
         turns = np.full((len(body), 4), np.nan)
         if columns == layout.BODY_COLUMNS:
+            # QTM writes a matrix column by column.
             turns, bad = rotations.of_matrices(body[:, 7:].reshape(-1, 3, 3).transpose(0, 2, 1))
             turns[bad] = np.nan
         parts.append(np.concatenate((body[:, :3], turns, body[:, 3:7]), axis=1))

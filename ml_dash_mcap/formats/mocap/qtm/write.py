@@ -1,4 +1,4 @@
-"""Qualisys Track Manager TSV files."""
+"""Writes TSV files of Qualisys Track Manager."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""OpenSim storage files, .sto and .mot, and the .mot files of SIMM."""
+"""Reads OpenSim storage files, .sto and .mot, and the .mot files of SIMM."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ _DOUBLES = ("", "double", "float")
 
 def beside(path: Path, name: str | None) -> Path | None:
     """Return the storage file of a name in the folder of another file, if it is there."""
+    # The name stands in a file from outside and must not lead out of its folder.
     if not name or Path(name).name != name:
         return None
     file = path.with_name(name)
@@ -91,6 +92,7 @@ class Table:
         row = 0
         for part in self.cells.read(self.file, self.line):
             if self.when.rate is not None:
+                # `when` makes times of row numbers where the printed times are too coarse.
                 part.values[:, 0] = range(row, row + len(part.values))
                 row += len(part.values)
             yield part

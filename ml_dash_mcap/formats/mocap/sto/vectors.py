@@ -1,4 +1,4 @@
-"""Storage files whose columns are vectors or quaternions: `DataType=Vec3`, elements separated by commas in one cell."""
+"""Reads storage files whose cells hold vectors or quaternions: `DataType=Vec3`, elements separated by commas."""
 
 from __future__ import annotations
 

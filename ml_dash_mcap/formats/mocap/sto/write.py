@@ -1,4 +1,4 @@
-"""OpenSim storage files: joint angles and other numbers by time."""
+"""Writes OpenSim storage files: joint angles and other numbers by time."""
 
 from __future__ import annotations
 
@@ -81,6 +81,7 @@ def write(
         file.write(f"Coordinates\n{layout.VERSION}=1\n{layout.ROWS}=".encode())
         at_count = file.tell()
         pairs = {layout.COLUMNS: len(joints) + 1, layout.IN_DEGREES: in_degrees, layout.NOTE: note}
+        # The number of rows comes first and is known last: room for 20 digits is overwritten at the end.
         lines = [f"{0:20d}", *(f"{key}={value}" for key, value in pairs.items()), layout.END]
         file.write("\n".join([*lines, "\t".join((layout.TIME, *labels)), ""]).encode())
         for window in take.windows():

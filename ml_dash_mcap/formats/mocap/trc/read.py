@@ -1,4 +1,4 @@
-"""OpenSim marker files, .trc."""
+"""Reads OpenSim marker files, .trc."""
 
 from __future__ import annotations
 
@@ -89,6 +89,8 @@ def _dialect(header: HeaderLines, first: str) -> Dialect:
 
 def _starts(values: dict[str, str]) -> list[float]:
     start = number(values.get(layout.START_FRAME.lower(), ""))
+    # Tools disagree about the frame at time 0: the stated first frame, 1 or 0. `row_times` takes the one that fits
+    # the printed times.
     return [1.0, 0.0] if start is None else [start, 1.0, 0.0]
 
 

@@ -1,4 +1,4 @@
-"""OpenSim marker files, .trc."""
+"""Writes OpenSim marker files, .trc."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Vicon CSV files, of Nexus and of Tracker: sections, each with a rate, names, axes and units."""
+"""Reads CSV files of Vicon Nexus and Tracker: sections, each with a rate, names, axes and units."""
 
 from __future__ import annotations
 
@@ -106,6 +106,8 @@ class _Table:
         cells = Cells(path, count, section.dialect, [0, 0, *shifts], allow_short=True, on_bad=on_bad)
         cells.learn(head + tail)
         subs = cells.sample(head + tail)[:, 1]
+        # The file does not state how many sub frames a frame has; the largest number in the first and last rows
+        # tells.
         sub_frames = int(np.nanmax(subs, initial=0.0)) + 1 if not np.isnan(subs).all() else 1
         numbered = "frame" if sub_frames == 1 else "frame and sub frame"
         when = Timing(origin, section.rate, source=f"{numbered} numbers at {section.rate!r} Hz")
@@ -141,6 +143,7 @@ class _Table:
 
     def _stamps(self, values: Floats) -> Floats:
         subs = np.nan_to_num(values[:, 1])
+        # Vicon counts frames from 1 and sub frames from 0.
         frames = (values[:, 0] - 1) * self.sub_frames + subs
         return self.when.stamps(frames, frames)
 
@@ -186,6 +189,8 @@ def _append(path: Path, recorder: Recorder, file: BinaryIO, tables: list[_Table]
     rows, width = _marked(path, tables[0], report), len(tables[0].section.axes) + 1
     for table in tables[1:]:
         more = len(table.section.axes) + 1
+        # The column of ones tells afterwards which sections had a row at a time, also where all of its numbers are
+        # missing.
         rows, width = joined(rows, _marked(path, table, report), (width, more)), width + more
     for times, values in rows:
         tracks.append(times, values)

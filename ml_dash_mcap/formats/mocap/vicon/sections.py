@@ -1,4 +1,4 @@
-"""The sections of Vicon's CSV files: where each begins and ends, and what its columns are."""
+"""Finds the sections of Vicon's CSV files: where each begins and ends, and what its columns are."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from ..placement import NOTE_KEY, Note
 from . import layout
 from .layout import SECTIONS
 
+# The note numbers the columns of all sections, whose sum is not known here. `_part` picks those of each section.
 _MOST_COLUMNS = 1 << 20
 _FIRST_COLUMNS = [column.lower().replace(" ", "") for column in layout.COLUMNS]
 _COMMAS = Dialect(",")
@@ -34,7 +35,7 @@ class Section:
     line: int
     """Where its numbers begin."""
     start: int
-    """The same, in bytes."""
+    """Where its numbers begin, in bytes from the start of the file."""
     stop: int
     """Where they end, in bytes."""
 
@@ -163,6 +164,7 @@ def _pass_rows(header: HeaderLines, dialect: Dialect) -> None:
         if dialect.is_blank(line):
             continue
         first = line.partition(dialect.separator)[0]  # splitting whole lines would take as long as parsing them
+        # A row of numbers may lack its frame; a title has fewer cells than frame and sub frame.
         if number(first.strip('"')) is None and len(without_empty_end(dialect.split(line))) < layout.LEADING:
             header.to(end, lines)
             return

@@ -1,4 +1,4 @@
-"""Where the columns of a foreign section of Vicon's go: topics, fields, units."""
+"""Maps the columns of a foreign section of Vicon's to topics, fields and units."""
 
 from __future__ import annotations
 

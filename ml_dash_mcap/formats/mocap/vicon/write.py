@@ -1,4 +1,4 @@
-"""Vicon CSV files: Trajectories as Nexus lays them out, Objects as Tracker does."""
+"""Writes Vicon CSV files: Trajectories as Nexus lays them out, Objects as Tracker does."""
 
 from __future__ import annotations
 

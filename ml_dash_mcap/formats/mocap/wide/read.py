@@ -1,4 +1,4 @@
-"""Wide CSV tables, as `layout="wide"` writes them: `frame,time,q.0,q.1,...`."""
+"""Reads wide CSV tables, as `layout="wide"` writes them: `frame,time,q.0,q.1,...`."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def record(src: Path, recorder: Recorder, options: WideReadOptions, progress: Pr
         first_s = row_times.first_stamp(clue, cells, file, when)
         when = row_times.not_below_zero(src, when, [first_s], is_asked=options.start is not None)
         topics = dict.fromkeys(placement.topic for placement in placements)
-        # a row is a row of every topic that has a number in it; of a topic alone it is one in any case
+        # With several topics, a row belongs to those that have a number in it. A single topic has every row.
         tracks = TopicRows(src, recorder, placements, dict.fromkeys(topics, when.metadata), skip_empty=len(topics) > 1)
         for part in cells.read(file, header.line + 1):
             times = when.stamps(part.values[:, 0], part.values[:, 1])

@@ -1,4 +1,4 @@
-"""One wide CSV table: a column for every number of some topics."""
+"""Writes a wide CSV table: a column for every number of some topics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values as the cells of a CSV file, a column at a time.
+"""Spells values as the cells of a CSV file, a column at a time.
 
 Numbers stand there as in JSON: the shortest text that gives the same double back, and integers with all digits. Others
 than finite ones are `NaN`, `inf` and `-inf`: the spellings that pandas, polars, DuckDB and pyarrow all read as numbers.
@@ -76,6 +76,7 @@ def lines(cells: list[pa.Array]) -> bytes:
         cells: For each column, the text of its rows.
     """
     rows = pc.binary_join_element_wise(*cells, ",", null_handling="replace", null_replacement="")
+    # One list of all rows, joined once: pyarrow puts the block's text together without a Python object for each row.
     joined = pc.binary_join(pa.ListArray.from_arrays(pa.array([0, len(rows)], pa.int32()), rows), "\n")
     return bytes(joined[0].as_buffer()) + b"\n"
 

@@ -1,4 +1,4 @@
-"""Which columns of a CSV file a topic's fields take."""
+"""The columns of a CSV file that a topic's fields take."""
 
 from __future__ import annotations
 

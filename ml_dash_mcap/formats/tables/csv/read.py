@@ -1,4 +1,4 @@
-"""CSV files of any tool with a column of times: ours as the rows that they were, those of others row by row."""
+"""Reads CSV files with a column of times: our own as the rows that they were, those of others row by row."""
 
 from __future__ import annotations
 
@@ -127,6 +127,7 @@ class _CsvFile:
             self._ranges[name] = (min(low, limits["min"]), max(high, limits["max"]))
 
     def _cells(self, rows: CellRows, at: int) -> tuple[pa.Array, Any]:
+        # The cells lie row by row, so a column is every n-th of them.
         which = np.arange(at, rows.height * len(self._names), len(self._names))
         return rows.cells.take(pa.array(which)), None if rows.quoted is None else rows.quoted[which]
 
@@ -150,6 +151,7 @@ def _names(path: Path, rows: list[list[str]]) -> list[str]:
     """Return the names of columns."""
     if not rows:
         raise ForeignFileError(path, "the file is empty; its first line should name the columns", 1)
+    # Undoes the apostrophe that guards names against being taken for formulas; see `cells`.
     names = [re.sub(r"^'('*[=+\-@\t\r])", r"\1", name) for name in rows[0]]
     while len(names) > 1 and not names[-1].strip() and not any(any(row[len(names) - 1 :]) for row in rows[1:]):
         names.pop()

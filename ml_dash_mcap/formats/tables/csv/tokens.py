@@ -1,4 +1,4 @@
-"""The cells of a CSV file, some rows at a time, each with whether it was quoted."""
+"""Cuts a CSV file into cells, some rows at a time, and tells which cells were quoted."""
 
 from __future__ import annotations
 
@@ -60,6 +60,7 @@ class Tokens:
 
     def __post_init__(self) -> None:
         cut = re.escape(self.separator)
+        # A quoted cell (its inside, then letters behind the quote) or a plain cell, and then whatever ends the cell.
         pattern = rf'(?:"([^"]*(?:""[^"]*)*)"(?!")([^{cut}\r\n]*)|([^{cut}\r\n]*))({cut}|\r\n|\n|\r|\Z)'
         self._cell = re.compile(pattern.encode())
         self._cut = self.separator.encode()
@@ -105,6 +106,7 @@ class Tokens:
         if b"\r" in data:
             return None
         array = np.frombuffer(data if data.endswith(b"\n") else data + b"\n", np.uint8)
+        # Without quotes every separator ends a cell, so numpy finds all cells of a block at once.
         ends = np.flatnonzero((array == self._cut[0]) | (array == _NEWLINE))
         row_ends = np.flatnonzero(array[ends] == _NEWLINE)
         count = len(row_ends)
@@ -159,6 +161,7 @@ class Tokens:
             assert match is not None  # the pattern matches nothing, too
             inside, behind, plain, end = match.groups()
             is_open = inside is None and data[at : at + 1] == b'"'
+            # A "\r" at the end of a block may be the first half of "\r\n".
             is_cut = not end or is_open or (end == b"\r" and match.end() == len(data))
             if is_cut and not is_last:
                 return

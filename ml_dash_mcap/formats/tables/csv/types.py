@@ -1,4 +1,4 @@
-"""What the columns of a CSV file hold, learnt from all of their cells, and the cells as such values."""
+"""Learns the types of a CSV file's columns from all of their cells, and converts the cells."""
 
 from __future__ import annotations
 
@@ -113,6 +113,8 @@ def _are_numbers(texts: pa.Array) -> bool:
         texts.cast(pa.float64())
     except pa.ArrowInvalid:
         return False
+    # Numbers with zeros in front stay text: 007 can become 7 later, but not the other way round (docs/decisions,
+    # 0017).
     return not _any(pc.match_substring_regex(texts, r"^[+\-]?0[0-9]"))
 
 
@@ -128,6 +130,7 @@ def _shape_of_numbers(texts: pa.Array, are_integers: pa.Array, count: int) -> Sh
     fractions = scalar(FLOAT64) if count > len(integers) else NOTHING
     if not len(integers):
         return fractions
+    # Short integers need not be looked at one by one: only their sign matters for the type.
     if (pc.max(pc.utf8_length(integers)).as_py() or 0) >= _LONG:
         values = list(map(int, integers.to_pylist()))
         return fractions | of_integers(min(values), max(values)) | scalar(INEXACT)

@@ -1,4 +1,4 @@
-"""Topics as CSV files: one line a row, one column a number."""
+"""Writes topics as CSV files: a line for each row, a column for each number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of JSON lines: ours as the rows that they were, those of others row by row."""
+"""Reads files of JSON lines: our own as the rows that they were, those of others row by row."""
 
 from __future__ import annotations
 

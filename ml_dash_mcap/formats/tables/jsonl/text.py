@@ -1,4 +1,4 @@
-"""Rows as JSON, one a line."""
+"""Spells rows as JSON lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Topics as files of JSON lines."""
+"""Writes topics as files of JSON lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a topic's columns lie in a Parquet file: their types, their structs, and the metadata of each."""
+"""Lays a topic's columns out in a Parquet file: their types, their structs, and the metadata of each."""
 
 from __future__ import annotations
 
@@ -40,6 +40,7 @@ class ParquetLayout:
         self._literal = {name for name in properties_of(info.schema) if "." in name}
         units = info.metadata.get("units")
         self._units = flatten({**units, TIME_KEY: "s"}, TIME_KEY) if isinstance(units, Mapping) else {}
+        # Instants of 1970 would be wrong for a clock that starts near 0, so it gets plain nanoseconds.
         self._time_name = WALL_CLOCK if clock.is_epoch_like(info.start or 0.0) else OTHER_CLOCK
         self._rows = False
 

@@ -1,4 +1,4 @@
-"""Parquet files: ours as the rows that they were, those of others row by row."""
+"""Reads Parquet files: our own as the rows that they were, those of others row by row."""
 
 from __future__ import annotations
 
@@ -108,6 +108,7 @@ class _ParquetFile:
         """Yield the rows, some at a time."""
         lost = 0
         for group in range(self._file.metadata.num_row_groups):
+            # Row group by row group, so that damage in one costs only the rest of that one.
             rest: int = self._file.metadata.row_group(group).num_rows
             try:
                 for batch in self._batches(None, [group]):
@@ -129,6 +130,7 @@ class _ParquetFile:
         metadata = self._file.metadata
         size = sum(metadata.row_group(at).total_byte_size for at in range(metadata.num_row_groups))
         each = max(1, size // max(1, metadata.num_rows))
+        # Rows with images or long lists are read in smaller batches, so that memory stays bounded.
         rows = _BATCH_ROWS if columns else max(1, min(_BATCH_ROWS, _BATCH_BYTES // each))
         try:
             yield from self._file.iter_batches(batch_size=rows, columns=columns, row_groups=groups)

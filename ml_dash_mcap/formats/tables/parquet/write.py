@@ -1,4 +1,4 @@
-"""Topics as Parquet files: typed, compressed, in time order, with what is known of them in their metadata."""
+"""Writes topics as Parquet files: typed, compressed, in time order, with the topic's description in the metadata."""
 
 from __future__ import annotations
 
@@ -85,6 +85,7 @@ def _write(
     @contextlib.contextmanager
     def begin() -> Iterator[Callable[[Block], None]]:
         schema = layout.schema().with_metadata(metadata)
+        # The sorting column tells readers that row groups are in time order.
         how: dict[str, Any] = {"use_dictionary": _texts(schema), "sorting_columns": [pq.SortingColumn(0)]}
         with pq.ParquetWriter(target(), schema, compression="zstd", write_page_checksum=True, **how) as writer:
             groups = _Groups(writer)
@@ -105,6 +106,7 @@ class _Groups:
         self._bytes = 0
 
     def add(self, table: pa.Table) -> None:
+        # Blocks are much smaller than row groups, and small row groups cost readers and compress badly.
         room = _GROUP_ROWS - self._rows
         while table.num_rows >= room:
             self._take(table.slice(0, room))
