@@ -15,8 +15,8 @@ from .query.topic_rows import check_range
 from .rows.align import align as align_tables
 from .rows.align import grid
 from .rows.align_methods import Methods
-from .rows.encode import TIME_KEY
 from .rows.field_choice import check_columns
+from .rows.plain_row import TIME_KEY
 
 if TYPE_CHECKING:
     from .topic_reader import TopicReader

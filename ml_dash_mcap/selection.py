@@ -17,7 +17,7 @@ from .query import counts, neighbours
 from .query.topic_part import Row, TopicPart
 from .query.topic_rows import check_index
 from .rows.dotted import FIELD_PREFIX
-from .rows.encode import TIME_KEY
+from .rows.plain_row import TIME_KEY
 from .rows.result_dicts import BytesFormat, Entries, Take
 from .suggestions import not_found
 

@@ -16,7 +16,7 @@ from .codecs import json
 from .errors import FieldError, TopicError, UsageError
 from .file_names import OWN_TOPICS
 from .mcap.message_records import MESSAGE_OPCODE
-from .rows.encode import EXACT_KEY, TIME_KEY
+from .rows.plain_row import EXACT_KEY, TIME_KEY
 from .timestamps import MISSING, Stamper
 
 _MAX_TOPIC_BYTES = 1024

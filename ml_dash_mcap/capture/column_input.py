@@ -14,7 +14,7 @@ from ..codecs.codec import Codec, EncodedColumns
 from ..errors import FieldError, TimestampError
 from ..mcap.message_records import MESSAGE_FIXED_BYTES, MESSAGE_OPCODE
 from ..rows import from_data_frames, packed_arrays
-from ..rows.encode import TIME_KEY
+from ..rows.plain_row import TIME_KEY
 from ..time_hints import seconds_hint, unit_hint
 from ..timestamps import MISSING
 from . import column_rows

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FieldError
-from ..rows.encode import EXACT_KEY, TIME_KEY
+from ..rows.plain_row import EXACT_KEY, TIME_KEY
 
 _ABSENT: Any = object()
 """Stands for a value that a row does not have."""

@@ -15,7 +15,7 @@ import cbor2
 import numpy as np
 
 from ..rows import foreign_values, packed_arrays
-from ..rows.encode import LARGEST_INT, SMALLEST_INT
+from ..rows.plain_row import LARGEST_INT, SMALLEST_INT
 from .encoded_channel import Row
 from .row_codec import RowCodec
 

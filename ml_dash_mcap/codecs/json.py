@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import orjson
 
 from ..rows import json_text
-from ..rows.encode import EXACT_KEY
+from ..rows.plain_row import EXACT_KEY
 from ..rows.shape import Shape
 from . import json_depth, json_merge, json_schema
 from .codec import BlockForms, Codec, ColumnReader, EncodedColumns

@@ -16,8 +16,8 @@ import orjson
 
 from .. import clock
 from ..mcap.message_records import MESSAGE_HEAD_BYTES, message_heads
-from ..rows.encode import TIME_KEY
 from ..rows.json_text import exact
+from ..rows.plain_row import TIME_KEY
 from .codec import EncodedColumns
 
 _SLICE = 1024

@@ -11,7 +11,7 @@ import orjson
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from ..rows.encode import EXACT_KEY
+from ..rows.plain_row import EXACT_KEY
 from .codec import Columns
 from .json_lines import LineReader, joined
 

@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.json as pj
 
 from ..rows.dotted import FIELD_PREFIX
-from ..rows.encode import EXACT_KEY, TIME_KEY
+from ..rows.plain_row import EXACT_KEY, TIME_KEY
 from ..rows.shape import Shape
 from . import json_depth, json_line_types
 from .json_line_columns import flatten

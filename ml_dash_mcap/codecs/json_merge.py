@@ -7,7 +7,7 @@ from typing import Any
 
 import orjson
 
-from ..rows.encode import EXACT_KEY, TIME_KEY
+from ..rows.plain_row import EXACT_KEY, TIME_KEY
 
 TIME_MARK = b'"_ts":'
 """The time stamp's key; what follows its last occurrence is the time stamp and the end of the row."""

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 import orjson
 
-from ..rows.encode import EXACT_KEY
 from ..rows.json_text import restore_kinds
+from ..rows.plain_row import EXACT_KEY
 from ..rows.schema import TopicShape, has_only_integers
 from ..rows.shape import Shape
 from ..rows.value_shapes import Opaque, of_value

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..rows.dotted import flatten
-from ..rows.encode import TIME_KEY
 from ..rows.field_choice import project
+from ..rows.plain_row import TIME_KEY
 from .codec import Columns
 from .encoded_channel import Decoder
 from .ros import arrow_columns

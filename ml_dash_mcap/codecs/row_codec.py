@@ -7,8 +7,8 @@ from typing import Any
 
 from ..errors import FieldError
 from ..rows import foreign_values
-from ..rows.encode import TIME_KEY, PlainRow
 from ..rows.merge import merge
+from ..rows.plain_row import TIME_KEY, PlainRow
 from ..rows.shape import Shape
 from . import json_schema
 from .codec import BlockForms, Codec
@@ -22,7 +22,7 @@ class RowCodec(Codec):
     """
 
     encode_row: Callable[[Mapping[str, Any]], bytes]
-    """Encodes plain values (see `rows.encode.PlainRow`), in their order. It may raise anything."""
+    """Encodes plain values (see `rows.plain_row.PlainRow`), in their order. It may raise anything."""
     decode: Callable[[bytes], Row]
     """Makes a row of a payload; raises a `ValueError` for one that is not in this encoding."""
 

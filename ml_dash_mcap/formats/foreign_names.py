@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..errors import ConversionWarning, TopicError
 from ..file_names import OWN_TOPICS
-from ..rows.encode import EXACT_KEY, TIME_KEY
+from ..rows.plain_row import EXACT_KEY, TIME_KEY
 from ..topic import check_topic
 from .mocap.placement import Placement
 

@@ -22,8 +22,8 @@ from ..query import topic_messages, topic_rows
 from ..query.file import File
 from ..query.stored_topic import LAST_NS
 from ..query.topic_part import TopicPart
-from ..rows.encode import TIME_KEY
 from ..rows.json_text import dumps
+from ..rows.plain_row import TIME_KEY
 
 _ANYTHING = {"type": "object"}
 

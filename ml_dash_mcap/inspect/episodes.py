@@ -11,7 +11,7 @@ from ..file_names import EPISODE_TOPIC, OWN_TOPICS
 from ..query import counts, topic_rows
 from ..query.file import File
 from ..query.stored_topic import StoredTopic
-from ..rows.encode import TIME_KEY
+from ..rows.plain_row import TIME_KEY
 from . import writing_order
 
 

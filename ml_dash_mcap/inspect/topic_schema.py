@@ -11,7 +11,7 @@ from ..codecs import json_depth
 from ..mcap.records import Channel
 from ..query.file import File
 from ..rows import schema
-from ..rows.encode import TIME_KEY
+from ..rows.plain_row import TIME_KEY
 from . import field_shapes
 from .field_shapes import Field
 

@@ -13,7 +13,7 @@ from ..file_names import TOPIC_RECORD
 from ..query import counts
 from ..query.stored_topic import StoredTopic
 from ..rows.dotted import flatten
-from ..rows.encode import TIME_KEY
+from ..rows.plain_row import TIME_KEY
 from ..rows.value_shapes import of_value
 from . import field_shapes, topic_schema
 from .field_shapes import Field

@@ -13,7 +13,7 @@ from ..errors import DamagedFileError, EncodingError
 from ..mcap import audit
 from ..mcap.file_index import replanned
 from ..mcap.message_records import MESSAGE_HEAD_BYTES
-from ..rows.encode import TIME_KEY
+from ..rows.plain_row import TIME_KEY
 from . import topic_messages, topic_rows
 from .plan import ChunkPlan, Located
 from .stored_topic import LAST_NS, StoredTopic

@@ -20,7 +20,7 @@ from ..codecs.codec import ColumnReader
 from ..codecs.decode import codec_of
 from ..codecs.encoded_channel import Decoder, Row
 from ..rows import zero_copy
-from ..rows.encode import TIME_KEY
+from ..rows.plain_row import TIME_KEY
 from ..rows.table import Block
 from ..rows.typed_columns import Column
 from . import time_order, topic_messages

@@ -19,8 +19,8 @@ from ..codecs.encoded_channel import Decoder, Row
 from ..rows import zero_copy
 from ..rows.arrow_types import of_type, type_of
 from ..rows.dotted import FIELD_PREFIX, flatten
-from ..rows.encode import TIME_KEY
 from ..rows.field_choice import is_wanted, project
+from ..rows.plain_row import TIME_KEY
 from ..rows.table import Block, block_of, join
 from ..rows.typed_columns import Column
 from ..store import read_ahead

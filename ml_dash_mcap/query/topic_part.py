@@ -9,8 +9,8 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from ..rows.dotted import flatten
-from ..rows.encode import TIME_KEY
 from ..rows.field_choice import project
+from ..rows.plain_row import TIME_KEY
 from . import row_positions, topic_rows
 from .stored_topic import StoredTopic
 

@@ -14,8 +14,8 @@ from ..codecs.codec import MessageCodec
 from ..codecs.decode import codec_of, decoder
 from ..codecs.encoded_channel import Decoder, Row
 from ..errors import DamagedFileError, RangeError
-from ..rows.encode import TIME_KEY
 from ..rows.merge import merge
+from ..rows.plain_row import TIME_KEY
 from ..time_hints import seconds_hint
 from . import topic_messages
 from .stored_topic import LAST_NS, StoredTopic, is_merged

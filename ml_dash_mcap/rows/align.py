@@ -17,7 +17,7 @@ from ..errors import AlignmentError
 from . import interpolate, numpy_columns, typed_columns
 from .align_methods import LINEAR, NEAREST, PREVIOUS, SLERP, Choice, Methods
 from .dotted import free_name
-from .encode import TIME_KEY
+from .plain_row import TIME_KEY
 from .typed_columns import ENCODING_KEY
 
 Floats = npt.NDArray[np.float64]

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from . import shape
-from .encode import has_lone_surrogates
+from .plain_row import has_lone_surrogates
 from .shape import NOTHING, ONLY_NULL, Shape, of_dicts, of_integers, of_lists, scalar
 
 _NUMPY_TYPES = {

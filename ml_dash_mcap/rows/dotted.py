@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Mapping
 from typing import Any
 
-from .encode import TIME_KEY
+from .plain_row import TIME_KEY
 
 Row = dict[str, Any]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from ..errors import UsageError
 from .dotted import FIELD_PREFIX, Row
-from .encode import TIME_KEY
+from .plain_row import TIME_KEY
 
 
 def check_columns(columns: Iterable[str] | None) -> list[str] | None:

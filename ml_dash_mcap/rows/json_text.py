@@ -23,7 +23,7 @@ import orjson
 
 from ..errors import FieldError
 from . import foreign_values, packed_arrays
-from .encode import EXACT_KEY, PlainRow
+from .plain_row import EXACT_KEY, PlainRow
 
 _BULK = 64
 """Arrays of more elements than this are formatted by orjson directly instead of through a list."""

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from . import packed_arrays, shape
-from .encode import TIME_KEY
+from .plain_row import TIME_KEY
 from .shape import NOTHING, ArrayType, Shape, join, of_dicts, of_lists, scalar
 
 MAX_FIELDS = 4000

@@ -13,7 +13,7 @@ import orjson
 import pyarrow as pa
 
 from . import typed_columns, zero_copy
-from .encode import TIME_KEY, encodable
+from .plain_row import TIME_KEY, encodable
 from .typed_columns import ENCODING_KEY, Column, tight
 
 Row = dict[str, Any]

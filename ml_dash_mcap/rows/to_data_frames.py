@@ -13,7 +13,7 @@ from ..errors import OptionError, UsageError
 from . import element_columns, numpy_columns, typed_columns
 from .arrow_types import is_list
 from .dotted import free_names
-from .encode import TIME_KEY
+from .plain_row import TIME_KEY
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -15,8 +15,8 @@ import pyarrow.compute as pc
 
 from . import array_lists, arrow_types, shape, zero_copy
 from .arrow_types import is_list, is_number, type_of
-from .encode import EXACT_KEY, TIME_KEY
 from .json_text import dumps_any, exact_as_read, loads_any, restore
+from .plain_row import EXACT_KEY, TIME_KEY
 from .shape import ONLY_NULL, Shape, scalar
 from .value_shapes import of_values
 

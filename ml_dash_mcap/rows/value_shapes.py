@@ -9,7 +9,7 @@ from operator import or_
 from typing import Any
 
 from . import packed_arrays
-from .encode import has_lone_surrogates
+from .plain_row import has_lone_surrogates
 from .shape import (
     ANY_INTEGER,
     ANY_TEXT,

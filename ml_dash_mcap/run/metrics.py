@@ -9,7 +9,7 @@ from ..capture.topic_registry import TopicAbout
 from ..errors import FieldError, UsageError
 from ..file_names import METRIC, METRIC_TOPICS
 from ..recorder import Recorder, open_topic
-from ..rows.encode import EXACT_KEY, TIME_KEY
+from ..rows.plain_row import EXACT_KEY, TIME_KEY
 from ..rows.result_dicts import Page
 from ..topic import EventTopic, check_topic
 from . import pages

@@ -12,8 +12,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import FieldError, IntegerRangeError
-from ml_dash_mcap.rows.encode import EXACT_KEY, TIME_KEY
 from ml_dash_mcap.rows.json_text import exact, restore
+from ml_dash_mcap.rows.plain_row import EXACT_KEY, TIME_KEY
 from tests.support.examples import examples
 
 names = st.text(max_size=6).filter(lambda name: name not in (EXACT_KEY, TIME_KEY))

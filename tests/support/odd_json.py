@@ -24,7 +24,7 @@ from mcap.writer import Writer
 from ml_dash_mcap import Recording
 from ml_dash_mcap.errors import ConversionError, DamagedFileError
 from ml_dash_mcap.rows.dotted import flatten
-from ml_dash_mcap.rows.encode import encodable
+from ml_dash_mcap.rows.plain_row import encodable
 from ml_dash_mcap.rows.typed_columns import ENCODING_KEY, Column, values_of
 from ml_dash_mcap.topic_reader import TopicReader
 

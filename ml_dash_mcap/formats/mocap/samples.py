@@ -17,7 +17,7 @@ from ...meaning.mocap_objects import NumberSource
 from ...query.topic_part import TopicPart
 from ...rows import numpy_columns
 from ...rows.arrow_types import is_list
-from ...rows.encode import TIME_KEY
+from ...rows.plain_row import TIME_KEY
 from ...rows.table import to_table
 from ...rows.typed_columns import values_of
 from ..export_job import RowCounter

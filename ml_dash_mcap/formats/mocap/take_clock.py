@@ -14,7 +14,7 @@ from ... import clock as clocks
 from ...clock import NS_PER_S
 from ...errors import ConversionError, OptionError
 from ...query import counts, topic_rows
-from ...rows.encode import TIME_KEY
+from ...rows.plain_row import TIME_KEY
 from ..export_job import Job
 from . import frame_numbers as frames
 from .frame_numbers import Spacing

@@ -12,7 +12,7 @@ from ...errors import ConversionError, ConversionWarning
 from ...inspect.field_shapes import Field
 from ...meaning import mocap_objects, rotations
 from ...meaning.mocap_objects import Body, Joint, Marker, NumberSource, Objects
-from ...rows.encode import TIME_KEY
+from ...rows.plain_row import TIME_KEY
 from ..export_job import Job
 
 

@@ -14,7 +14,7 @@ from ...errors import ConversionError, ConversionWarning, OptionError
 from ...file_names import MESSAGE, TRACK
 from ...mcap.message import Connection
 from ...query import exact_blocks
-from ...rows.encode import TIME_KEY
+from ...rows.plain_row import TIME_KEY
 from ...rows.shape import Shape
 from ..export_job import Job
 from . import (

@@ -19,7 +19,7 @@ from ...mcap.message import Connection
 from ...mcap.records import Channel, Schema
 from ...query.time_order import TOLERANCE_NS
 from ...recorder import Recorder, open_topic
-from ...rows.encode import TIME_KEY
+from ...rows.plain_row import TIME_KEY
 from ...suggestions import not_found
 from ...topic import MessageTopic
 from .bag_contents import Bag, ConnectionBatch

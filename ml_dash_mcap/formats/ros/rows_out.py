@@ -23,7 +23,7 @@ from ...mcap.message import MessageBlock
 from ...query import exact_blocks
 from ...query import topic_rows as rows
 from ...query.file import File
-from ...rows.encode import TIME_KEY
+from ...rows.plain_row import TIME_KEY
 from ...rows.shape import NOTHING, Shape
 from ...rows.table import Block
 from ...rows.value_shapes import of_values

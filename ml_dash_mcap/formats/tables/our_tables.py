@@ -18,7 +18,7 @@ from ...file_names import MESSAGE, TRACK
 from ...recorder import Recorder, open_topic
 from ...rows import numpy_columns, packed_arrays
 from ...rows.dotted import FIELD_PREFIX
-from ...rows.encode import TIME_KEY
+from ...rows.plain_row import TIME_KEY
 from ...rows.typed_columns import ENCODING_KEY, from_text
 from ...topic import Topic
 from .. import vector_names

@@ -9,7 +9,7 @@ from typing import Any
 
 import orjson
 
-from ...rows.encode import TIME_KEY
+from ...rows.plain_row import TIME_KEY
 
 ABOUT_KEY = "ml_dash"
 """The key of a file's metadata whose value is the JSON."""

@@ -21,7 +21,7 @@ from ...meaning.units import UNITS
 from ...recorder import Recorder, open_topic
 from ...rows import numpy_columns, typed_columns
 from ...rows.dotted import FIELD_PREFIX, free_names
-from ...rows.encode import EXACT_KEY, TIME_KEY
+from ...rows.plain_row import EXACT_KEY, TIME_KEY
 from ...rows.typed_columns import Column, values_of
 from ...topic import Topic
 from ..registry import Progress

@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 
 from ...clock import END_S
 from ...errors import ForeignFileError, OptionError
-from ...rows.encode import TIME_KEY
+from ...rows.plain_row import TIME_KEY
 from ...rows.shape import EXACT_INTEGER
 from ...suggestions import not_found
 

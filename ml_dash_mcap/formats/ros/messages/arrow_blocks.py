@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 
 from ....codecs.ros.message_columns import Column, Ragged
 from ....rows.arrow_types import is_list, of_array
-from ....rows.encode import TIME_KEY
+from ....rows.plain_row import TIME_KEY
 from ....rows.shape import EXACT_INTEGER, Shape, of_dicts
 from ....rows.table import Block
 from . import fill

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from ....codecs.ros.message_columns import Column, Ragged, texts
 from ....rows import packed_arrays
-from ....rows.encode import EXACT_KEY, TIME_KEY, has_lone_surrogates
 from ....rows.json_text import dumps_any, exact_as_read, loads_any
+from ....rows.plain_row import EXACT_KEY, TIME_KEY, has_lone_surrogates
 from ....rows.shape import EXACT_INTEGER
 from .lossless import INTEGER, MISSING, NONE, PRESENT, ROW_KEY, STATE, Message, MessageField
 

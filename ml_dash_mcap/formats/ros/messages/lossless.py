@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ....rows import shape
-from ....rows.encode import TIME_KEY
+from ....rows.plain_row import TIME_KEY
 from ....rows.shape import Shape
 from .. import ros_names
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from ....codecs.ros.message_columns import Column, Ragged, count
 from ....rows import packed_arrays
-from ....rows.encode import TIME_KEY
 from ....rows.json_text import loads_any, restore
+from ....rows.plain_row import TIME_KEY
 from .fill import VALUE_KEY
 from .lossless import INTEGER, NONE, PRESENT, ROW_KEY, STATE, Message, MessageField
 

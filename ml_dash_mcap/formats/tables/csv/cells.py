@@ -21,7 +21,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ....rows import numpy_columns
-from ....rows.encode import encodable
+from ....rows.plain_row import encodable
 from ....rows.typed_columns import Column, to_text, values_of
 
 _FORMULA = r"^'*[=+\-@\t\r]"

@@ -11,8 +11,8 @@ from ....inspect.topics import TopicInfo
 from ....rows import element_columns
 from ....rows.dotted import free_names
 from ....rows.element_columns import Lengths
-from ....rows.encode import TIME_KEY, encodable
 from ....rows.field_choice import is_wanted
+from ....rows.plain_row import TIME_KEY, encodable
 from ....rows.shape import NOTHING, Shape
 from ....rows.table import Block
 from ....rows.typed_columns import Column, shape_of, whole

@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 
 from ....errors import ForeignFileError
 from ....recorder import Recorder
-from ....rows.encode import TIME_KEY
+from ....rows.plain_row import TIME_KEY
 from ...foreign_names import distinct
 from ...registry import Progress, detect
 from .. import table_files, table_times

@@ -18,8 +18,8 @@ from ....errors import ConversionWarning, ForeignFileError, UsageError
 from ....file_names import MESSAGE
 from ....recorder import Recorder, open_topic
 from ....rows.dotted import FIELD_PREFIX
-from ....rows.encode import EXACT_KEY, TIME_KEY
 from ....rows.json_text import restore
+from ....rows.plain_row import EXACT_KEY, TIME_KEY
 from ....topic import Topic
 from ...registry import Progress
 from .. import table_files, table_times

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ....query.topic_part import Row, TopicPart
-from ....rows.encode import TIME_KEY
 from ....rows.json_text import dumps, exact_as_read
+from ....rows.plain_row import TIME_KEY
 
 _NO_TIME = b',"_ts":null}'
 
@@ -13,7 +13,7 @@ def render(part: TopicPart, time_name: str = TIME_KEY) -> bytes:
     """Return one line a row, `{"_ts": s, "q": ...}`, without a newline after the last.
 
     Each line is valid JSON: a non-finite number is null, bytes are base64 text, and the side key `_exact` says which
-    (`ml_dash_mcap.rows.encode` describes it).
+    (`ml_dash_mcap.rows.plain_row` describes it).
 
     Args:
         part: The rows.

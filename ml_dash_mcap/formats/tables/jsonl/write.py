@@ -7,7 +7,7 @@ from typing import BinaryIO
 
 from ....inspect.topics import TopicInfo
 from ....query.topic_part import TopicPart
-from ....rows.encode import TIME_KEY
+from ....rows.plain_row import TIME_KEY
 from ... import per_topic
 from ...export_job import Job, RowCounter
 from ...registry import NoOptions

@@ -12,8 +12,8 @@ from .... import clock
 from ....inspect.topics import TopicInfo
 from ....rows.arrow_types import element_type, stored_type, type_of, vector_lengths
 from ....rows.dotted import FIELD_PREFIX, flatten, free_names
-from ....rows.encode import TIME_KEY, encodable
 from ....rows.field_choice import is_wanted
+from ....rows.plain_row import TIME_KEY, encodable
 from ....rows.shape import NOTHING, ONLY_NULL, Shape
 from ....rows.table import Block
 from ....rows.to_data_frames import nanoseconds
