@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -141,6 +141,7 @@ def _rows_at(topic: StoredTopic, time_ns: int) -> list[Row]:
     """Return the rows whose doubles lie at a log time; none if they cannot be decoded."""
     low, high = clock.to_seconds(time_ns - TOLERANCE_NS), clock.to_seconds(time_ns + TOLERANCE_NS)
     start_ns, end_ns = topic_rows.to_ns_range(low, high)
+    rows: Iterable[Row | None]
     try:
         only = topic_messages.read_only(topic, start_ns, end_ns)
         if only is not None:
@@ -148,7 +149,7 @@ def _rows_at(topic: StoredTopic, time_ns: int) -> list[Row]:
             rows = topic_rows.decode(origin, [payload], np.array([message_ns], np.uint64), {})
         else:
             batch = topic_messages.read_few(topic, start_ns, end_ns)
-            rows = iter(()) if batch is None else topic_rows.of_batch(batch, {})
+            rows = () if batch is None else topic_rows.of_batch(batch, {})
         return [row for row in rows if row is not None and low <= row[TIME_KEY] <= high]
     except (EncodingError, DamagedFileError):  # whoever reads the rows is told
         return []
