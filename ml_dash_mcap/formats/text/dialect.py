@@ -29,7 +29,8 @@ class Dialect:
         """Return the cells of a line, without the blanks and quotes around them."""
         if self.separator == " ":
             return [_unquoted(cell) for cell in re.split(r"[ \t]+", line.strip(BLANKS)) if cell]
-            # In files with tabs a cell may begin with a quote that nothing closes; the csv module would join cells.
+        # In files with tabs a cell may begin with a quote that nothing closes; the csv module would join cells.
+        if self.separator == "\t" or '"' not in line:
             return [_unquoted(cell) for cell in line.split(self.separator)]
         try:
             cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
