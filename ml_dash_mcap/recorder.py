@@ -61,16 +61,16 @@ class Recorder:
         sinks: Iterable[Sink] = (),
         **unknown: NoReturn,
     ) -> None:
-        """Open a recording's folder, making it if need be, and recover what a crashed recorder left there.
+        """Open a recording's folder, making it if need be, and recover the leftovers of a crashed recorder there.
 
         Args:
             path: The run's folder.
-            options: How to buffer, compress and split; by default as the `ML_DASH_*` environment variables tell.
-            prefix: What the files name as the recording's prefix; the folder's name by default.
+            options: How to buffer, compress and split; by default the `ML_DASH_*` environment variables decide.
+            prefix: The recording's prefix in the files' metadata; the folder's name by default.
             metadata: More entries for the `ml_dash` metadata record of each segment.
             timestamps: "strict": every row has its `_ts`. "auto": without it, a row has the time of the wall clock, and
                 -1 is the time stamp used last.
-            sinks: What takes the rows besides the file, while they are recorded; see `Sink`.
+            sinks: Objects that take the rows while they are recorded, besides the file; see `Sink`.
 
         Raises:
             StorageError: The folder cannot be made or written, or there is no room for the backlog.
@@ -105,7 +105,7 @@ class Recorder:
         self._finalizer = weakref.finalize(self, _close, self._journal, self._writer, os.getpid())
 
     def _start(self, session: SessionInfo, sinks: Iterable[Sink]) -> None:
-        """Set the writer to work."""
+        """Start the writer thread and the sinks."""
         self._preparer = BlockPreparer(self.path, session.about, self._registry.channels)
         self._segments = SegmentSink(self.options, self._preparer.fallbacks, self._journal.room.dropped)
         self._segments.open(session)
@@ -156,10 +156,10 @@ class Recorder:
             metadata: Anything else that JSON can hold.
             units: Dotted field name to its unit, such as `{"q": "rad"}`. Exports to ROS and mocap formats go by these
                 and by the following; all are kept in the metadata.
-            joint_names: Of the elements of joint angles, velocities and torques.
-            frame_id: What positions, orientations and vectors are relative to.
+            joint_names: The names of the joints, in the order of the elements of joint angles, velocities and torques.
+            frame_id: The frame to which positions, orientations and vectors are relative.
             quat_order: "xyzw" or "wxyz", of all quaternions of the topic.
-            encoding: What its rows are encoded in, "json" or "cbor"; the recorder's option by default.
+            encoding: The encoding of its rows, "json" or "cbor"; the recorder's option by default.
 
         Raises:
             TopicError: The name is empty, too long, or not text, or the topic is open in another encoding.
@@ -199,7 +199,7 @@ class Recorder:
     # -- the clock, the figures, the end -----------------------------------------------------------------------------
 
     def time(self) -> float:
-        """Return the recording's time now, in seconds: what logs and metrics are written at.
+        """Return the recording's time now, in seconds. Logs and metrics are written at this time.
 
         It is the wall clock where the tracks' time stamps are of now, or no track has one yet. Where they run on any
         other clock (of a simulation, of a recording that is played back, GPS time, a monotonic one), it is the latest
@@ -246,7 +246,7 @@ class Recorder:
 
     @property
     def closed(self) -> bool:
-        """Whether it takes no more rows."""
+        """Whether the recorder takes no more rows."""
         return self._journal.is_shut
 
     def close(self) -> None:
@@ -279,7 +279,7 @@ def open_topic(recorder: Recorder, name: str, kind: str, cls: type[T], about: To
         name: Checked.
         kind: track, message, log, metric, file or episode.
         cls: The class of the topic's object.
-        about: What is told about it.
+        about: The description of the topic.
 
     Raises:
         TopicError: The topic is open with another class, or in another encoding.

@@ -31,13 +31,13 @@ T = TypeVar("T", bound="Topic")
 
 
 class TopicOwner(Protocol):
-    """What a topic needs of its recorder, which it keeps alive."""
+    """The part of a recorder that its topics use. A topic keeps its recorder alive."""
 
     path: Path
 
     @property
     def closed(self) -> bool:
-        """Whether it takes no more rows."""
+        """Whether the recorder takes no more rows."""
 
     def time(self) -> float:
         """Return the recording's time now, in seconds."""
@@ -48,7 +48,7 @@ class TopicOwner(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class TopicContext:
-    """What the topics of one recorder share."""
+    """The recorder, journal and time rule that all topics of a recorder share."""
 
     recorder: TopicOwner
     journal: Journal
@@ -76,7 +76,7 @@ class Topic:
 
     @property
     def encoding(self) -> str:
-        """What its rows are encoded in."""
+        """The encoding of its rows."""
         return self._codec.message_encoding
 
     def __repr__(self) -> str:
@@ -174,7 +174,7 @@ class Topic:
             _ts: Time stamps, [N], s.
             **columns: One value a row each: arrays [N, ...] or sequences of length N. A row that is masked in a masked
                 array lacks that field; a dict of columns is a dict in each row.
-                Columns of pandas, polars and pyarrow are taken by position; what is missing in them is None (`NaN` too
+                Columns of pandas, polars and pyarrow are taken by position; values missing in them are None (`NaN` too
                 where a pandas column holds no numbers of numpy's).
 
         Returns:
@@ -252,7 +252,7 @@ class Topic:
     def _accept(
         self, positional: tuple[Any, ...], timestamp: Any, exact_key: Any, fields: dict[str, Any]
     ) -> dict[str, Any]:
-        """Handle what an ordinary call does not have: positional arguments, a field `timestamp`, a reserved name."""
+        """Handle arguments that ordinary calls do not have: positional ones, a field `timestamp`, a reserved name."""
         if positional:
             instead = "; spread a dict: append(**row)" if isinstance(positional[0], Mapping) else ""
             raise UsageError(
@@ -269,7 +269,7 @@ class Topic:
 
 
 class MessageTopic(Topic):
-    """A topic of other people's messages: each stays a row of its own, at its time to the nanosecond."""
+    """A topic of messages from other software: each stays a row of its own, at its time to the nanosecond."""
 
     __slots__ = ()
 
@@ -277,7 +277,7 @@ class MessageTopic(Topic):
         """Take rows whose times are known in nanoseconds.
 
         Args:
-            rows: Their fields; one `_ts` that they have stays as it is, others get that of their time.
+            rows: Their fields. A `_ts` in them stays as it is; rows without it get one from their time.
             times_ns: The time of each, ns.
         """
         for row, time_ns in zip(rows, times_ns, strict=True):
@@ -316,7 +316,7 @@ class EventTopic(Topic):
         """Take one row; returns whether it was taken.
 
         Args:
-            fields: Get the time stamp.
+            fields: The row's fields. The time stamp is added to them.
             time_s: Its time stamp, in seconds; the recording's time now by default.
         """
         head = self._head

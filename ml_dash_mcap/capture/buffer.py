@@ -18,7 +18,7 @@ from ..mcap.row_arrays import SealedBuffer
 
 
 class Buffer:
-    """Appending threads fill it under the journal's lock; sealed, it is the writer's alone."""
+    """Appending threads fill a buffer under the journal's lock. Once it is sealed, only the writer thread uses it."""
 
     __slots__ = (
         "end",
@@ -41,7 +41,7 @@ class Buffer:
         Args:
             path: Its file, which must not be there yet; None makes a buffer that takes nothing.
             size: In bytes.
-            is_large: Whether it is made for a single row, and discarded with it.
+            is_large: Whether the buffer is made for a single row, and discarded with that row.
 
         Raises:
             OSError: There is no room for it.
@@ -62,7 +62,7 @@ class Buffer:
         self.gaps: list[tuple[int, int, bool]] = []
         """Start and end of every record that is not a Message, and whether it is a Metadata record."""
         self.has_extras = False
-        """Whether one of them is a Metadata record."""
+        """Whether one of the gaps is a Metadata record."""
         self.uniform: list[tuple[int, int]] = []
         """Runs of `starts`, by the first index and the index after the last, whose rows are all of one form."""
         # mmap refuses a length of 0, so a buffer that takes nothing has a page, too.
@@ -76,7 +76,7 @@ class Buffer:
         self.end = self.prologue = len(prologue)
 
     def fill(self, prologue: bytes, record: bytes) -> None:
-        """Put the one row of a large buffer into it, again if that was interrupted."""
+        """Put its single row into a large buffer. If that was interrupted, call it again."""
         self.starts.clear()
         self.begin(prologue)
         start, self.end = self.end, self.end + len(record)
@@ -85,7 +85,7 @@ class Buffer:
         self.starts.append(start)
 
     def clear(self) -> None:
-        """Make it as good as new: invalid first, then all zeros."""
+        """Empty the buffer for its next use: first make it invalid, then set all its bytes to 0."""
         self.map[0] = 0
         np.frombuffer(self.map, np.uint8)[: self.end] = 0  # lets other threads run, unlike a slice of the map
         self.end = self.prologue = 0
@@ -95,7 +95,7 @@ class Buffer:
         self.uniform = []
 
     def block(self) -> SealedBuffer:
-        """Return what it holds; its memory must not be given back before that is forgotten."""
+        """Return the records in it, as views of its memory: the memory must stay as long as they are used."""
         return SealedBuffer(
             np.frombuffer(self.map, np.uint8),
             self.prologue,

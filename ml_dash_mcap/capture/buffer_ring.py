@@ -1,9 +1,9 @@
 """The buffers of one recorder and how they change hands: active, sealed, free again.
 
 Anything may come between two calls that a thread makes: another thread, a signal handler that appends, Ctrl-C, a
-finalizer that appends. So what must happen together stands together without a call in it ("no call between" below),
-and what was read before a call is read again after it. The lock keeps other threads out; a handler of the same thread
-passes it.
+finalizer that appends. So statements that must happen together have no call between them ("no call between" below),
+and values that were read before a call are read again after it. The lock keeps other threads out; a handler of the
+same thread passes it.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ class BufferRing:
         """Begin the first buffer of a session."""
         self.session = session
         self.lock = threading.RLock()
-        """Guards `active`, what is put into it, and the counters. Held for microseconds, never over I/O; the writer
+        """Guards `active`, the records in it, and the counters. Held for microseconds, never over I/O; the writer
         thread waits for it for milliseconds at most."""
         self.turns = Turns()
         self.writer_ident: int | None = None
-        """Which thread recycles the buffers, and so must not wait for a free buffer."""
+        """The id of the thread that recycles the buffers. It must not wait for a free buffer."""
         self.registry = b""
         """The Schema and Channel records of all topics, with which every buffer begins."""
         self._blocks = 0
@@ -62,7 +62,7 @@ class BufferRing:
     # -- sealing -------------------------------------------------------------------------------------------------------
 
     def seal(self) -> bool:
-        """Hand what is in the active buffer to the writer; returns whether there is nothing left in it."""
+        """Hand the rows in the active buffer to the writer; returns whether nothing is left in it."""
         with self.lock:
             active = self.active
             if active.limit < 0 or not (active.starts or active.has_extras):
@@ -70,7 +70,7 @@ class BufferRing:
             return self.rotate(active)
 
     def seal_within(self, timeout_s: float) -> None:
-        """Do the same if the lock can be had in time and a buffer is free. For the writer thread, which no Ctrl-C hits.
+        """Seal the active buffer if the lock is free in time and a free buffer is there. For the writer thread only.
 
         Args:
             timeout_s: How long to wait for the lock, in seconds.
@@ -82,7 +82,7 @@ class BufferRing:
                 self.lock.release()
 
     def seal_at(self, rows: int) -> Callable[[], object]:
-        """Return what seals the active buffer once so many rows are in it."""
+        """Return a function that seals the active buffer once it has so many rows."""
         return lambda: len(self.active.starts) >= rows and self.seal()
 
     def rotate(self, full: Buffer, own: Buffer | None = None, record: bytes = b"") -> bool:
@@ -90,7 +90,7 @@ class BufferRing:
 
         Args:
             full: The active buffer, as the caller saw it. If another buffer is active, somebody else has rotated.
-            own: A buffer to hand over right behind it, for a row of its own.
+            own: A large buffer for a single row, which is handed over right behind the active one.
             record: That row's Message record.
 
         Returns:
@@ -130,7 +130,7 @@ class BufferRing:
         return is_used or own is None
 
     def rows(self) -> int:
-        """Return how many rows were taken so far."""
+        """Return the number of rows taken so far."""
         with self.lock:
             return self._sealed_rows + len(self.active.starts)
 
@@ -138,7 +138,7 @@ class BufferRing:
 
     @property
     def cannot_wait(self) -> bool:
-        """Whether waiting would be for ever: in a signal handler or finalizer that interrupted who makes room."""
+        """Whether waiting would never end, because the caller has interrupted the thread that makes room."""
         return self._rotating or threading.get_ident() == self.writer_ident
 
     def stand_back(self) -> None:
@@ -160,7 +160,7 @@ class BufferRing:
             self.turns.writer = State.RUNNING
 
     def mark(self, number: int, *, is_awaited: bool = True) -> None:
-        """Put a mark behind all that is sealed; `take` returns it when it comes to it.
+        """Put a mark behind all sealed buffers; `take` returns it in its turn.
 
         Args:
             number: The mark.
@@ -179,16 +179,16 @@ class BufferRing:
 
     @property
     def is_shut(self) -> bool:
-        """Whether it takes no more rows."""
+        """Whether the recorder takes no more rows."""
         return self._shut is not None
 
     def check_open(self) -> None:
-        """Raise StateError if it takes no more rows."""
+        """Raise StateError if the recorder takes no more rows."""
         if self._shut is not None:
             raise StateError(self._shut)
 
     def shut(self, why: str) -> None:
-        """Take no more rows; every later append raises `why`. What is in the active buffer is handed over."""
+        """Take no more rows; every later append raises `why`. The active buffer is handed over."""
         put = self._sealed.put
         with self.lock:
             if self._shut is None:
@@ -200,7 +200,7 @@ class BufferRing:
                 put((last,))
 
     def abandon(self, why: str) -> None:
-        """Forget everything in a forked child, and touch none of it: it is the parent's."""
+        """Forget all buffers in a forked child, and change none of them: they belong to the parent."""
         self.lock = threading.RLock()
         self._shut = why
         self.active = self._nothing

@@ -15,7 +15,7 @@ from ..rows.shape import Shape
 
 @dataclass(frozen=True, slots=True)
 class ChannelInfo:
-    """A topic of a recorder; its channel and its schema have the same number in every segment."""
+    """A topic of a recorder. Its channel and its schema have the same number in every segment."""
 
     number: int
     """Channel id and schema id, from 1."""
@@ -29,10 +29,10 @@ class ChannelInfo:
     schema_name: str | None = None
     """None: the topic's name."""
     codec: Codec | None = json.CODEC
-    """None in a recovery where the encoding is not known, or its package is not installed: rows stay as they are."""
+    """None in a recovery that does not know the encoding, or lacks its package: rows then stay as they are."""
     message_encoding: str = ""
     schema_encoding: str = ""
-    """Those of the codec, if there is one."""
+    """The encodings of the codec, if there is a codec."""
 
     def __post_init__(self) -> None:
         if self.codec is not None:
@@ -45,7 +45,7 @@ class ChannelInfo:
         return self.schema is None and self.codec is not None
 
     def first_schema(self) -> bytes:
-        """Return the schema before the first row, by which a recovery tells that it is to be inferred."""
+        """Return the schema before the first row. A recovery tells by it that the schema is to be inferred."""
         if self.schema is not None or self.codec is None:
             return self.schema or b""
         return self.codec.schema(None, self.topic)
@@ -64,10 +64,10 @@ class ChannelInfo:
         return SCHEMA.pack(Schema(self.number, self.schema_name or self.topic, self.schema_encoding, schema))
 
     def decoder(self, shape: Shape | None) -> Decoder:
-        """Return what makes rows of the channel's payloads.
+        """Return the decoder of the channel's payloads.
 
         Args:
-            shape: What its rows look like, where the schema is inferred from that.
+            shape: The shape of its rows, where the schema is inferred from them.
         """
         schema = self.codec.schema(shape, self.topic) if self.is_inferred and self.codec else self.schema or b""
         name = self.schema_name or self.topic

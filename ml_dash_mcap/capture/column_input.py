@@ -31,10 +31,10 @@ def encode(times_s: Any, columns: Mapping[str, Any], topic: str, head: bytes, co
 
     Args:
         times_s: Time stamps, [N], s.
-        columns: By field, one value a row: arrays [N, ...], sequences of length N, or dicts of such.
+        columns: By field, one value a row: arrays [N, ...], sequences of length N, or dicts of these.
         topic: For the error messages.
         head: Channel id and sequence number as they stand in a record.
-        codec: What the topic's rows are encoded with.
+        codec: The codec of the topic's rows.
 
     Returns:
         An iterator over the rows, some hundred at a time.
@@ -109,7 +109,7 @@ def _is_numbers(column: Any) -> bool:
 def _encode_rows(
     times: npt.NDArray[np.float64], columns: Mapping[str, Any], topic: str, head: bytes, codec: Codec
 ) -> Iterator[EncodedColumns]:
-    """Encode row by row what cannot be formatted in bulk, some rows at a time."""
+    """Encode columns row by row that cannot be formatted in bulk; yields some rows at a time."""
     blobs: list[bytes] = []
     size = 0
     for row, time_s in enumerate(times.tolist()):

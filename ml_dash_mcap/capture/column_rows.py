@@ -17,14 +17,14 @@ _LIKE_NUMBERS = {float, int, bool}
 
 
 def checked(name: str, column: Any, count: int, topic: str, within: str = "") -> Any:
-    """Return a column as it is, as an array if it is a list of plain numbers, or as a dict of such.
+    """Check a column and return it: lists of plain numbers as arrays, dicts as dicts of checked columns.
 
     Args:
-        name: Of the field, dotted for what lies in dicts.
-        column: One value a row, of which columns of other libraries are arrays or lists already.
+        name: The name of the field, dotted for columns in dicts.
+        column: One value a row. Columns of other libraries were converted to arrays or lists before.
         count: Of the rows.
         topic: For the error messages.
-        within: What the errors say besides of a column in a dict.
+        within: A phrase for the error messages that names the dict in which the column lies.
 
     Raises:
         FieldError: It is no column, or has another length.
@@ -74,7 +74,7 @@ def _kind(column: Any) -> str:
 
 
 def leaves(columns: Mapping[str, Any]) -> Iterator[Any]:
-    """Yield all columns, those in dicts among them."""
+    """Yield all columns, also those in dicts."""
     for column in columns.values():
         if isinstance(column, dict):
             yield from leaves(column)

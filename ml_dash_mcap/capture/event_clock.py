@@ -23,10 +23,10 @@ UNKNOWN_CLOCK = "unknown"
 
 
 class EventClock:
-    """Keeps logs and metrics that were made before the tracks' first row on the clock of the tracks.
+    """Moves logs and metrics from before the tracks' first row onto the clock of the tracks.
 
     A viewer refuses a file whose times span from one clock to another. So where the tracks turn out not to run on the
-    wall clock, what was logged before their first row takes its time, or stays behind in a segment of its own.
+    wall clock, events from before their first row take the time of that row, or stay behind in a segment of their own.
     Used by the writer thread only.
     """
 
@@ -51,17 +51,17 @@ class EventClock:
         self._channels = channels
         self._fallbacks = fallbacks
         self._last_event_ns = _begin_ns(about)
-        """A time of the wall clock at which there was no row of a track yet, until there is one."""
+        """The latest wall-clock time (ns) at which no track had a row yet. It stays when the first row comes."""
 
     def follow(self, rows: Rows, tracks: npt.NDArray[np.bool_]) -> tuple[Rows, bool]:
-        """Take in a block's rows, and move events onto the tracks' clock where they have to be.
+        """Look at a block's rows, and move events onto the tracks' clock where that is needed.
 
         Args:
             rows: In the order in which they were appended.
-            tracks: By channel id, whether it is a track.
+            tracks: By channel id, whether the channel is a track.
 
         Returns:
-            The rows, and whether what is in the file already is on another clock than they are.
+            The rows, and whether the rows in the file so far are on another clock than these.
         """
         is_track = tracks[rows.channels]
         previous = self.clock

@@ -14,8 +14,8 @@ from .fallbacks import Fallbacks
 from .tracks_clock import NOW_S
 
 WALL_STAMPED = 1
-"""As an event's sequence number in the journal: its time is that of the wall clock, which nobody chose. A row has 0
-there; the true number is given when it goes to the file."""
+"""An event has this sequence number in the journal if the wall clock gave it its time. All other rows have 0. The true
+sequence number is set when the row goes to the file."""
 
 _NOW_NS = int(NOW_S * clock.NS_PER_S)
 
@@ -35,8 +35,8 @@ def are_elsewhere(rows: Rows, is_track: Flags, is_stamped: Flags, since_ns: int,
 
     Args:
         rows: The first rows of tracks, with the events around them, in the order in which they were appended.
-        is_track: Which are rows of tracks, at least a single row, [N].
-        is_stamped: Which are events at the wall clock's times, [N].
+        is_track: Which rows are of tracks, at least one row, [N].
+        is_stamped: Which rows are events at times of the wall clock, [N].
         since_ns: A time of the wall clock at which there was no row of a track yet, in ns.
         now_ns: The wall clock, later, in ns.
     """
@@ -58,8 +58,8 @@ def follow(
 
     Args:
         rows: The first rows of tracks, with the events around them, in the order in which they were appended.
-        is_track: Which are rows of tracks, at least a single row, [N].
-        is_stamped: Which are events at the wall clock's times, [N].
+        is_track: Which rows are of tracks, at least one row, [N].
+        is_stamped: Which rows are events at times of the wall clock, [N].
         channels: The topics by number.
         fallbacks: Counts the events whose time cannot be moved.
     """

@@ -18,16 +18,16 @@ class Fallbacks:
             folder: The run's folder, for the log.
         """
         self.counts: dict[str, int] = {}
-        """How often a fast way failed, by what it was for."""
+        """The number of failures of each fast way."""
         self._folder = folder
 
     def note(self, what: str, error: Exception, instead: str = "is done a slower way") -> None:
-        """Count a failure, and log the first of its kind. No such failure may stop the writer.
+        """Count a failure of a fast way, and log the first failure of each kind. None of them may stop the writer.
 
         Args:
-            what: What failed.
+            what: The work that failed.
             error: Why.
-            instead: What happens now.
+            instead: How the work is done now.
         """
         if what not in self.counts:
             _log.warning(

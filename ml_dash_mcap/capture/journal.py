@@ -40,7 +40,7 @@ class Journal(BufferRing):
         self.tracks_clock = TracksClock()
         """Tells events the time."""
         self.eager: Callable[[], object] | None = None
-        """Called after each `append`, where the options ask for writing sooner than a buffer is full."""
+        """Called after each `append` if the options ask for writing before a buffer is full."""
         self.room = Room(self, options)
         self._large_taken = self._large_given_back = 0
         _LIVE.add(self)
@@ -124,7 +124,7 @@ class Journal(BufferRing):
             How many were taken; fewer only with `on_full="drop"`.
 
         Raises:
-            As `add`; the rows before the row that found no room are taken.
+            As `add`. The rows before the row that found no room are taken.
         """
         ends = np.append(starts[1:], len(block))
         done = refused = 0
@@ -196,7 +196,7 @@ class Journal(BufferRing):
         return len(self.registry) + size + _ROOM_BESIDES > self.options.chunk_bytes
 
     def _add_large(self, record: bytes, topic: str, last_s: float | None) -> bool:
-        """Give a row that is larger than a buffer a buffer of its own, which is sealed at once."""
+        """Put a row that is larger than a buffer into a large buffer of its own, which is sealed at once."""
         size = len(record) + len(self.registry) + 2 * _ROOM_BESIDES
         if size > self.options.backlog_bytes:
             raise FieldError(

@@ -116,14 +116,14 @@ def _cannot_write(folder: Path, error: OSError) -> StorageError:
 
 
 def _check_room(place: Path, size: int) -> None:
-    """Look before reserving: buffers that nothing can hold would take all memory before the last one fails.
+    """Check the room before anything is reserved: too many buffers would take all memory before the last of them fails.
 
     Args:
         place: The folder of the buffers.
         size: Of all of them, in bytes.
 
     Raises:
-        OSError: The place, or for shared memory the machine, has less.
+        OSError: The folder's file system has less room; for shared memory, also if the machine has less memory.
     """
     if hasattr(os, "statvfs"):
         status = os.statvfs(place)
@@ -136,7 +136,7 @@ def _check_room(place: Path, size: int) -> None:
 
 
 def _available_memory() -> float:
-    """Return how much memory programs can still have, in bytes; infinite where the system does not tell."""
+    """Return how much memory programs can still get, in bytes; infinite if the system does not say."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
     except OSError:

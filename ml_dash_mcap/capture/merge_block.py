@@ -37,7 +37,7 @@ def merge_same_time(
         codecs: By channel id, the codec of the channels whose rows merge (those of metrics and logs do not).
         forms: The form of each row, [N].
         keys_of: Returns the top-level keys of a channel's form.
-        note: Called with the channel, the numbers of the rows that become one, and whether no field is in two of them.
+        note: Called with the channel id, the numbers of rows that merge, and whether these have no field in common.
     """
     groups = _groups(rows, codecs)
     if not groups:
@@ -74,13 +74,13 @@ def merge_each(
     on_failure: Callable[[Exception], None],
     note: Callable[[int, list[int], bool], None],
 ) -> Rows:
-    """Do the same by decoding all rows that share their time; those that cannot be merged stay for the reader.
+    """Merge rows as `merge_same_time` does, one group at a time. Groups that cannot be merged are left to the reader.
 
     Args:
         rows: In the order in which they were appended.
         codecs: By channel id, the codec of the channels whose rows merge.
-        on_failure: Told what kept rows of one time from being merged.
-        note: As that of `merge_same_time`.
+        on_failure: Called with the error that kept rows of one time from being merged.
+        note: See `merge_same_time`.
     """
     merged = _Merged(rows)
     for group in _groups(rows, codecs):
@@ -101,7 +101,7 @@ def merge_each(
 
 
 class _Merged:
-    """The rows of a block, some of which become others."""
+    """The rows of a block, of which some are replaced by merged rows and others dropped."""
 
     def __init__(self, rows: Rows) -> None:
         self._rows = rows
@@ -143,7 +143,7 @@ class _FormKeys:
 
 
 def _same_times(codec: Codec, payloads: Sequence[bytes], cuts: Sequence[int]) -> list[list[int]]:
-    """Return which encoded rows have exactly the same time stamp, two or more, each by its place, in order."""
+    """Return groups of two or more rows with exactly the same time stamp, each row as its place in `payloads`."""
     # Rows of one nanosecond may have different doubles as time stamps. Encoded rows end with the time stamp, so equal
     # tails prove equal doubles without decoding.
     tail = payloads[0][cuts[0] :]

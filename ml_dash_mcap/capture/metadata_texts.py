@@ -30,7 +30,7 @@ def texts_of(values: Mapping[str, str]) -> dict[str, str]:
 
 
 def text_of(name: str, value: Any) -> str:
-    """Return a value as text that a file can hold; `name` is for the error message."""
+    """Return a value as text that UTF-8 can encode; `name` is for the error message."""
     text = value if isinstance(value, str) else str(value)
     try:
         text.encode()
@@ -48,14 +48,14 @@ def parameter_text(name: str, value: Any) -> str:
         text = dumps(value, plain)
         # orjson writes NaN and infinity as null, as it does None. So only a text with null has to be written again.
         return text.decode() if b"null" not in text else json.dumps(value, default=plain_list)
-    except Exception as error:  # what a foreign object's own methods raise
+    except Exception as error:  # methods of foreign objects may raise anything
         raise FieldError(f"parameter {name!r}: a {type(value).__qualname__} cannot be stored: {error}") from error
 
 
 def topic_texts(
     description: str | None, tags: Iterable[str] | None, metadata: Mapping[str, Any] | None
 ) -> dict[str, str]:
-    """Return the channel metadata of a topic; what is None is left out."""
+    """Return the channel metadata of a topic, without entries that are None."""
     texts: dict[str, str] = {}
     if description is not None:
         texts["description"] = text_of("description", description)

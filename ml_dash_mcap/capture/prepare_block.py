@@ -24,7 +24,7 @@ from .time_steps import TimeSteps
 
 @dataclass(frozen=True, slots=True)
 class SessionProgress:
-    """What a session has in its files already, where a recovery goes on."""
+    """The part of a session that is in its files already. A recovery goes on from there."""
 
     next_block: int = 0
     """Number of the first block with rows that is not in a file."""
@@ -53,23 +53,23 @@ class BlockPreparer:
             folder: The run's folder, for the log.
             about: The constant part of the `ml_dash` metadata record.
             channels: The topics by number; others may add to it meanwhile.
-            progress: What is in files already, where a recovery goes on.
+            progress: The part of the session that is in files already, in a recovery.
         """
         progress = progress or SessionProgress()
         self.fallbacks = Fallbacks(folder)
-        """Counts what fails for many rows at once and is done row by row."""
+        """Counts work that failed for many rows at once and was done row by row."""
         self.steps = TimeSteps(progress.last_ns)
-        """What time stepping back did to each topic."""
+        """The steps back in time of each topic, and the rows that merged across them."""
         self._channels = channels
         self._forms = RowForms(channels, self.fallbacks)
         self._event_clock = EventClock(folder, about, channels, self.fallbacks)
         self._sequences: dict[int, int] = dict(progress.sequences)
         self._next_block = progress.next_block
         self._begun: tuple[SealedBuffer, Rows, bool] | None = None
-        """A block whose times were looked at, should the rest of its preparation have to be tried again."""
+        """The block in preparation, after its times were looked at. It is kept until its preparation has succeeded."""
 
     def prepare(self, block: SealedBuffer) -> PreparedBlock:
-        """Return what a sealed buffer holds, shaped, merged and numbered. Its sequence numbers are changed in place."""
+        """Return a sealed buffer's rows shaped, merged and numbered. Its sequence numbers are changed in place."""
         metadata = tuple(_metadata(block, start, end) for start, end in block.extras)
         if not block.starts:
             return PreparedBlock(self._next_block, None, metadata=metadata, clock=self._event_clock.clock)

@@ -37,10 +37,10 @@ class BlockMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PreparedBlock:
-    """A block that is ready to be compressed and written.
+    """A block of rows that is ready to be compressed and written.
 
     Its memory may be that of a journal buffer, which is used again afterwards. So it is valid only during the call that
-    it is handed to; what a sink keeps of it longer, it copies. What `messages` yields is copied already.
+    it is handed to. A sink that keeps parts of it longer must copy them. `messages` yields copies.
     """
 
     number: int
@@ -51,11 +51,11 @@ class PreparedBlock:
     channels: Mapping[int, ChannelInfo] = field(default_factory=dict)
     """The topic of each channel id in it."""
     metadata: tuple[Metadata, ...] = ()
-    """Its metadata records (`name`, `values`): parameters, what topics are described with, and the like."""
+    """Its metadata records (`name`, `values`): parameters, descriptions of topics, and the like."""
     clock: str = UNKNOWN_CLOCK
     """epoch, relative (starts near 0), mixed or unknown: how the tracks' time stamps look up to here."""
     begins_segment: bool = False
-    """Whether its rows are on another clock than what is in the file already."""
+    """Whether its rows are on another clock than the rows in the segment so far, so that a new segment begins."""
     shapes: Mapping[int, Shape] = field(default_factory=dict)
     """By channel id, the shape of all rows so far, where the schema is inferred from that."""
     time_steps: bytes = b""

@@ -13,13 +13,13 @@ _POLL_S = 0.0005
 
 
 class Room:
-    """Finds room for what appending threads put, by the rule of the option `on_full`."""
+    """Finds room for the records of appending threads, by the rule of the option `on_full`."""
 
     def __init__(self, ring: BufferRing, options: RecorderOptions) -> None:
         self.dropped: dict[str, int] = {}
         """Rows refused, by topic; guarded by the lock of the ring."""
         self.failure: Callable[[], BaseException | None] = lambda: None
-        """What keeps the writer from writing at the moment, if anything; appends that cannot wait for it raise it."""
+        """Returns the error that keeps the writer from writing now, or None. Appends that cannot wait raise it."""
         self._ring = ring
         self._options = options
 
@@ -29,7 +29,7 @@ class Room:
         Args:
             put: Called with the lock held; returns whether there was room.
             topic: For the error messages and counts.
-            rows: How many rows are refused if it comes to that; None always waits.
+            rows: How many rows are refused if there is no room; None always waits.
 
         Returns:
             Whether it was put; False only with `on_full="drop"`.

@@ -14,7 +14,7 @@ from .channels import ChannelInfo
 from .fallbacks import Fallbacks
 
 _REMEMBERED_BYTES = 8 * 1024 * 1024
-"""What is remembered of the forms of rows of all topics of an encoding, in bytes, about; with more, all begin anew."""
+"""About how many bytes the remembered forms of all topics of an encoding may take. Beyond that, all are forgotten."""
 
 Forms = npt.NDArray[np.int32]
 """The form of each row, [N]: an index into the forms of its channel, or `UNKNOWN_FORM`."""
@@ -28,7 +28,7 @@ class RowForms:
 
         Args:
             channels: The topics by number; others may add to it meanwhile.
-            fallbacks: Counts what fails for many rows at once.
+            fallbacks: Counts work that failed for many rows at once.
         """
         self._channels = channels
         self._fallbacks = fallbacks
@@ -71,7 +71,7 @@ class RowForms:
                 self._fallbacks.note(f"forgetting the forms of {codec.message_encoding} rows", error, "they stay")
 
     def _learn_each(self, rows: Rows, which: npt.NDArray[np.intp]) -> Forms:
-        """Decode some of the rows; fields of a row that cannot be decoded may be missing in the schema."""
+        """Decode some of the rows. The schema may lack the fields of a row that cannot be decoded."""
         forms = np.full(len(rows), UNKNOWN_FORM, np.int32)
         for row in which.tolist():
             number = int(rows.channels[row])

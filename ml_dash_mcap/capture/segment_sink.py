@@ -48,7 +48,7 @@ class SegmentSink:
 
         Args:
             options: The options of the recorder.
-            fallbacks: Counts what fails and is done a slower way.
+            fallbacks: Counts work that failed and was done a slower way.
             drops: Rows refused so far, by topic, to be written at the end; others may add to it meanwhile.
             next_block: Number of the first block with rows, where a recovery goes on.
         """
@@ -71,13 +71,13 @@ class SegmentSink:
         self._segment: Segment | None = None
         self._segment_opened = 0.0
         self._begun: PreparedBlock | None = None
-        """The block that is being written, or was when a write failed."""
+        """The block that is being written, or whose writing failed."""
         self._begins_segment = False
         self._metadata: list[Metadata] = []
-        """The metadata records of that block that are not in the file yet."""
+        """The metadata records of `_begun` that are not in the file yet."""
         self._set_aside: list[Segment] = []
         self._litter: list[Path] = []
-        """Files of segments that could not be begun, and perhaps not be deleted either."""
+        """Files of segments that could not be begun, and that may still have to be deleted."""
         self._drops = drops
         self._drops_written: dict[str, int] = {}
 
@@ -222,7 +222,7 @@ class SegmentSink:
             segment.discard()
 
     def sync(self) -> None:
-        """Wait until what was written would survive a power cut."""
+        """Wait until all written bytes would survive a power cut."""
         if self._segment is not None:
             self._segment.output.sync()
 

@@ -29,7 +29,7 @@ class SessionRecord:
     path: str | None = None
     """The path of its session file."""
     inode: int | None = None
-    """The number of its session file, which a copy of it does not share."""
+    """The inode of its session file. A copy of the file has another inode."""
 
     @classmethod
     def of(cls, session: str, journals: str, about: Mapping[str, str], lock: SessionLock) -> SessionRecord:
@@ -38,7 +38,7 @@ class SessionRecord:
 
     @classmethod
     def read(cls, session_file: Path) -> SessionRecord:
-        """Read a session file, which may be empty, or come from anywhere."""
+        """Read a session file. It may be empty, or come from another machine or program."""
         try:
             entries = json.loads(session_file.read_bytes())
         except ValueError:  # the process died while it wrote this, before it recorded anything
@@ -72,7 +72,7 @@ class SessionRecord:
         return json.dumps(entries).encode()
 
     def buffer_paths(self) -> list[Path]:
-        """Return the session's buffers; a session file from outside may name those of others, who may be alive."""
+        """Return the session's buffers. A session file from outside could name buffers of other, living recorders."""
         # The buffers are deleted after a recovery, so a file from outside must not name any but this session's.
         folder, _, name = self.journals.rpartition("/")
         if not self.session.isalnum() or name != JOURNAL_FILE.format(session=self.session, number="*"):
@@ -80,7 +80,7 @@ class SessionRecord:
         return [Path(path) for path in glob.glob(f"{glob.escape(folder)}/{name}") if os.path.isfile(path)]
 
     def original(self, lock: SessionLock) -> Path | None:
-        """Return the session file that this one was copied from along with its folder, if that is there yet.
+        """Return the session file of which this one is a copy, made with its folder, if the original is still there.
 
         Args:
             lock: Of the file that this was read from.

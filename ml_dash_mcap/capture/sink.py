@@ -17,26 +17,26 @@ class SessionInfo:
     folder: Path
     """The run's folder."""
     about: Mapping[str, str]
-    """What the `ml_dash` metadata record of each segment holds: `prefix`, `run`, `run_start`, `host`, `library`."""
+    """The content of the `ml_dash` metadata record of each segment: `prefix`, `run`, `run_start`, `host`, `library`."""
 
 
 class Sink(Protocol):
     """Takes the rows of a recording while it is made, a block at a time.
 
-    The file is a sink, and so is whatever is passed as `Recorder(sinks=[...])`: a live view, an uploader, a counter.
-    Each of the latter has a thread of its own, on which its three methods are called one after the other. It may be as
-    slow as it likes and may raise: neither holds up the control loop, the file, or the other sinks. Blocks that it has
-    no time for are left out and counted in `Recorder.stats()`.
+    The file is a sink, and so are the objects that are passed as `Recorder(sinks=[...])`: a live view, an uploader, a
+    counter. Each of these objects has a thread of its own, which calls its three methods one after the other. It may be
+    slow and may raise: neither holds up the control loop, the file, or the other sinks. Blocks that it has no time for
+    are left out and counted in `Recorder.stats()`.
 
-    What it computes in Python shares the interpreter with the control loop, as everything in this process does. What
-    needs much of it belongs in a process of its own.
+    A sink's Python code shares the interpreter with the control loop, as all code in this process does. Work that needs
+    much of the interpreter belongs in a process of its own.
     """
 
     def open(self, session: SessionInfo) -> None:
-        """Begin. If this raises, the sink gets no block, and is not closed."""
+        """Begin. If this method raises, the sink gets no block, and is not closed."""
 
     def write(self, block: PreparedBlock) -> None:
-        """Take a block, whose rows are in the file already. The block is valid until this returns."""
+        """Take a block, whose rows are in the file already. The block is valid until this method returns."""
 
     def close(self) -> None:
-        """End: the recorder is closed. It waits for this, but not for long."""
+        """End: the recorder is closed. It waits for this method, but not for long."""

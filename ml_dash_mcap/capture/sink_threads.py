@@ -26,7 +26,7 @@ class SinkThread:
         """Prepare; `start` opens the sink.
 
         Args:
-            sink: What takes the blocks.
+            sink: The object that takes the blocks.
             session: Passed to the sink when it is opened.
             most_bytes: How much may wait for it, in bytes; a single block may have more.
         """
@@ -41,9 +41,9 @@ class SinkThread:
         self._rows = self._missed = self._errors = 0
         self._failure: BaseException | None = None
         self._is_over = False
-        """Whether it gets no further block: it could not be opened, or the recorder waits for it no longer."""
+        """Whether the sink gets no more blocks: it could not be opened, or the recorder no longer waits for it."""
         self._is_given_up = False
-        """Whether the recorder waits for it no longer, and has counted all that waited as missed."""
+        """Whether the recorder no longer waits for the sink, and has counted its waiting rows as missed."""
         # A daemon, so that a sink that never returns cannot keep the process from ending.
         self._thread = threading.Thread(target=self._run, name=f"ml_dash_mcap sink {self.name}", daemon=True)
 
@@ -143,7 +143,7 @@ class SinkThreads:
         """Open all sinks, each on its thread.
 
         Args:
-            sinks: What takes the blocks.
+            sinks: The objects that take the blocks.
             session: Passed to each when it is opened.
             most_bytes: How much may wait for each of them, in bytes.
 

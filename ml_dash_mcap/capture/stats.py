@@ -55,7 +55,7 @@ class Stats(Mapping[str, Any]):
     segments: list[str]
     """The paths of the finished ones."""
     failure: str | None
-    """Why nothing can be written at the moment."""
+    """Why nothing can be written now, or None."""
     fallbacks: Mapping[str, int]
     """How often the writer had to take a slower way, by what failed; empty if all is well."""
     sinks: tuple[SinkStats, ...] = ()

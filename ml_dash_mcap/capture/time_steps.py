@@ -16,8 +16,8 @@ from ..mcap.records import METADATA, Metadata
 from ..mcap.row_arrays import Rows
 
 TOLERANCE_S = 0.05
-"""A row whose time lies further than this before that of the row appended before it is a step back, in seconds. Less is
-what threads do that append to one topic: each may be held up between taking its time and appending."""
+"""In seconds. A row steps back if its time lies further than this before that of the row appended before it. Smaller
+steps are usual where several threads append to one topic: a thread may pause between taking its time and appending."""
 
 _TOLERANCE_NS = int(TOLERANCE_S * clock.NS_PER_S)
 
@@ -35,7 +35,7 @@ class StepCounts:
     merged: int = 0
     """Rows that were merged with a row of the same time from before a step back."""
     overwritten: int = 0
-    """Those of the merged rows that brought a field which the earlier row had too."""
+    """Merged rows with a field that the earlier row had, too, so that its value is lost."""
 
     def take(self, other: StepCounts) -> None:
         """Add the counts of a block."""
@@ -70,7 +70,7 @@ class TimeSteps:
 
         Args:
             rows: Before any are merged.
-            tracks: By channel id, whether it is a track.
+            tracks: By channel id, whether the channel is a track.
         """
         self._block = {}
         self._passes = None
@@ -142,7 +142,7 @@ class TimeSteps:
                 yield channel
 
     def commit(self) -> None:
-        """Take the block's counts into the totals."""
+        """Add the block's counts to the totals."""
         for channel, counts in self._block.items():
             self.totals.setdefault(channel, StepCounts()).take(counts)
         self._block = {}

@@ -22,12 +22,12 @@ _MAX_TOPICS = 65_535
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicAbout:
-    """What is told about a topic when it is opened."""
+    """The description of a topic that is given when it is opened."""
 
     description: str | None = None
     tags: Iterable[str] | None = None
     metadata: Mapping[str, Any] | None = None
-    """Takes the place of what was told before."""
+    """Replaces the metadata that was given before."""
     more: Mapping[str, Any] | None = None
     """Is added to the metadata."""
     schema: Mapping[str, Any] | None = None
@@ -35,8 +35,7 @@ class TopicAbout:
     schema_name: str | None = None
     """The name of the schema; None for the topic's name."""
     encoding: str | None = None
-    """What the rows are encoded in; None for the recorder's option for tracks, and for JSON, which viewers show, for
-    the other kinds."""
+    """The encoding of the rows. None stands for the recorder's option for tracks, and for JSON for the other kinds."""
 
     @property
     def is_description(self) -> bool:
@@ -52,7 +51,7 @@ class TopicRegistry:
 
         Args:
             journal: Where they are registered.
-            encoding: What the rows of tracks are encoded in, unless a topic says something else.
+            encoding: The encoding of the rows of tracks, unless a topic has another one.
         """
         self._encoding = encoding
         self.channels: dict[int, ChannelInfo] = {}
@@ -81,7 +80,7 @@ class TopicRegistry:
             name: Checked.
             kind: track, message, log, metric, file or episode.
             make: Makes the topic's object.
-            about: What is told about it.
+            about: The description of the topic.
 
         Raises:
             OptionError: Rows cannot be recorded in the topic's encoding.

@@ -40,7 +40,7 @@ class TracksClock:
         self._seen_now_s = float("-inf")
 
     def look(self, last_s: float | None) -> float:
-        """Take in the latest time stamp of a track, in seconds; returns the wall clock's."""
+        """Look at the latest time stamp of a track, in seconds; returns the wall clock's time."""
         now_s = self._wall()
         since_s, before_s = self._last_look
         self._last_look = (now_s, last_s)

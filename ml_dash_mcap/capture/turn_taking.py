@@ -24,7 +24,7 @@ _FAR_AHEAD = 2
 
 
 class State(Enum):
-    """What the writer thread does."""
+    """The state of the writer thread."""
 
     RESTING = auto()
     """It waits for a buffer."""

@@ -61,7 +61,7 @@ class Writer:
 
     def __init__(self, journal: Journal, preparer: BlockPreparer, segments: SegmentSink, sinks: SinkThreads) -> None:
         self.failure: BaseException | None = None
-        """Why nothing can be written at the moment, if so."""
+        """The error that keeps the writer from writing now, or None."""
         self.rows_written = 0
         """Rows whose block is in the file, as they were appended."""
         self._journal = journal
@@ -113,7 +113,7 @@ class Writer:
             ) from failure
 
     def stop(self) -> None:
-        """Write what is left, finish the segments, end the thread, and close the sinks beside the file.
+        """Write the rest, finish the segments, end the thread, and close the sinks beside the file.
 
         Raises:
             StorageError: Not everything could be written; the journal stays, for a recovery.
@@ -164,7 +164,7 @@ class Writer:
         return True
 
     def _tick(self) -> None:
-        """Have what waits written, and synced when it is time for that."""
+        """Seal the active buffer so that its rows are written, and sync the file when its interval is over."""
         now = self._last_seal = time.monotonic()
         self._journal.tracks_clock.look(self._journal.last_s)
         self._journal.seal_within(_LOCK_PATIENCE_S)
@@ -203,7 +203,7 @@ class Writer:
             self._segments.set_aside()
 
     def _persist(self, write: Callable[[], T]) -> T:
-        """Do a write again and again while the disk refuses or memory is short; the backlog grows meanwhile."""
+        """Repeat a write while the disk refuses it or memory is short. The backlog grows meanwhile."""
         pause = _FIRST_RETRY_S
         while True:
             try:

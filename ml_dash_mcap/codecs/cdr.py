@@ -13,12 +13,12 @@ class CdrCodec(MessageCodec):
     """Messages whose schema is a ROS 2 definition or IDL."""
 
     def decoder(self, channel: EncodedChannel) -> Decoder | None:
-        """Return what makes rows of a channel's messages."""
+        """Return the decoder of a channel's messages."""
         is_described = ros_channel.is_described(channel.schema, ("ros2msg", "ros2idl", "omgidl"))
         return ros_channel.decoder(channel, is_ros1=False) if is_described else None
 
     def column_reader(self, decoder: Callable[[], Decoder], columns: Sequence[str] | None) -> ColumnReader:
-        """Return what reads messages field by field."""
+        """Return a reader that makes columns of messages, field by field."""
         from .ros_columns import RosColumnReader  # pyarrow, which only readers of columns wait for
 
         return RosColumnReader(decoder, columns)

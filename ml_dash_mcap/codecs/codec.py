@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .encoded_channel import Decoder, EncodedChannel, Row
 
 UNKNOWN_FORM = -1
-"""The form of rows of which nothing is known but that they may hold anything."""
+"""The form of rows that may hold anything."""
 
 LONG_ROW_BYTES = 256 * 1024
 """Rows from this many bytes on are decoded one by one to learn their shape, and not with the others of their block."""
@@ -90,7 +90,7 @@ class MessageCodec(Protocol):
     """An encoding that can be read."""
 
     def decoder(self, channel: EncodedChannel) -> Decoder | None:
-        """Return what makes rows of a channel's messages; None if its schema is in a language that does not fit.
+        """Return the decoder of a channel's messages; None if the schema's language does not belong to this encoding.
 
         The function raises a `ValueError` for a payload that is not in this encoding.
 
@@ -103,11 +103,11 @@ class MessageCodec(Protocol):
         return None
 
     def column_reader(self, decoder: Callable[[], Decoder], columns: Sequence[str] | None) -> ColumnReader | None:
-        """Return what makes columns of a channel's messages; None if all go through rows.
+        """Return a reader that makes columns of a channel's messages; None if they all have to become rows first.
 
         Args:
-            decoder: Returns what makes rows of them.
-            columns: Dotted names of those that will be wanted; None for all. Others may come back with them.
+            decoder: Returns the decoder of the channel's messages.
+            columns: Dotted names of the wanted columns; None for all. Other columns may come back with them.
         """
         return None
 
@@ -116,7 +116,7 @@ class MessageCodec(Protocol):
 class Codec(MessageCodec, Protocol):
     """An encoding that rows can be recorded in. Its methods may be called by any thread.
 
-    What it encodes ends with the row's time stamp, under `_ts`.
+    An encoded row ends with its time stamp, under `_ts`.
     """
 
     message_encoding: str
@@ -142,17 +142,17 @@ class Codec(MessageCodec, Protocol):
         """Return the payload that a row should have, and the probe for the topic's next rows.
 
         Args:
-            payload: What `dumps` returned.
+            payload: The bytes that `dumps` returned.
             fields: Of the row.
             topic: For the error messages.
-            probe: What was found in the payload.
+            probe: The byte or bytes that were found in the payload.
         """
 
     def encode(self, fields: dict[str, Any], topic: str) -> bytes:
-        """Encode a row whose fields end with its time stamp; what `append` does, for those with more time."""
+        """Encode a row whose fields end with its time stamp, as `append` does, for callers that are in no hurry."""
         try:
             payload = self.dumps(fields, self.default)
-        except Exception:  # whatever it was, the other way names it
+        except Exception:  # `encode_exactly` raises an error that names the field
             return self.encode_exactly(fields, topic)
         return self.recheck(payload, fields, topic, self.probe)[0]
 
@@ -163,7 +163,7 @@ class Codec(MessageCodec, Protocol):
 
         Args:
             times: Time stamps, [N], s.
-            columns: By field, arrays of numbers [N, ...], masked ones among them, or dicts of such.
+            columns: By field, arrays of numbers [N, ...], masked or not, or dicts of these.
             topic: For the error messages.
             head: Channel id and sequence number as they stand in a Message record.
         """
@@ -172,13 +172,13 @@ class Codec(MessageCodec, Protocol):
     # -- the writer: its thread calls these ----------------------------------------------------------------------------
 
     def forms(self) -> BlockForms:
-        """Return what learns the shapes of rows, for one recorder."""
+        """Return a learner of the forms and shapes of rows, for one recorder."""
 
     def schema(self, shape: Shape | None, title: str) -> bytes:
         """Return the schema of rows of a shape, in `schema_encoding`.
 
         Args:
-            shape: What the rows look like so far; None before the first row.
+            shape: The shape of the rows so far; None before the first row.
             title: The topic's name.
         """
 
@@ -213,4 +213,4 @@ class Codec(MessageCodec, Protocol):
     # -- copies --------------------------------------------------------------------------------------------------------
 
     def encode_read(self, row: Row) -> bytes:
-        """Encode a row that was read, which may hold what `encode` refuses."""
+        """Encode a row that was read. It may hold values that `encode` refuses."""

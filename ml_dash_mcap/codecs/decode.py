@@ -31,7 +31,7 @@ def decoder(
     Args:
         channel: The channel.
         schema: Its schema.
-        decoding: What to do with messages that these do not say enough of.
+        decoding: How to decode messages for which channel and schema lack definitions.
         likely: Returns the distributions of ROS 2 that they may come from; called where a definition is missing.
 
     Raises:

@@ -16,12 +16,12 @@ ON_UNKNOWN = ("bytes", "skip", "raise")
 
 @dataclass(frozen=True, slots=True)
 class Decoding:
-    """What to do with messages that a file does not say enough of."""
+    """How to decode messages for which a file lacks definitions."""
 
     definitions: Given = ()
     """ROS types, as `canonical` has them, and their definitions."""
     on_unknown: str = "bytes"
-    """What comes of messages that cannot be decoded: "bytes" for rows that have them as `data`, "skip" for no rows,
+    """How messages are read that cannot be decoded: "bytes" for rows that have them as `data`, "skip" for no rows,
     "raise" for an error."""
 
 
@@ -29,11 +29,11 @@ DEFAULT = Decoding()
 
 
 def decoding(definitions: Mapping[str, str | Path] | None = None, on_unknown: str = "bytes") -> Decoding:
-    """Return what a caller wants, checked.
+    """Check a caller's options and return them.
 
     Args:
         definitions: ROS types to their definitions: the text, or the path of a `.msg` or `.idl` file.
-        on_unknown: What comes of messages that cannot be decoded.
+        on_unknown: How messages are read that cannot be decoded.
 
     Raises:
         OptionError: An option has a value that it cannot have, or a file cannot be read.

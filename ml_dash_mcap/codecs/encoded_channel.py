@@ -28,7 +28,7 @@ _ROS = ("ros1", "cdr")
 
 @dataclass(frozen=True, slots=True)
 class EncodedChannel:
-    """A channel, its schema, and what to do with messages that these do not say enough of."""
+    """A channel, its schema, and how to decode messages for which these lack definitions."""
 
     channel: Channel
     schema: Schema
@@ -42,16 +42,16 @@ class EncodedChannel:
 
     @property
     def hint(self) -> str:
-        """What to pass so that the messages are decoded; empty where there is nothing."""
+        """The argument to pass so that the messages are decoded, as text; empty if there is none."""
         if self.channel.message_encoding not in _ROS:
             return ""
         return f"; pass definitions={{{self.schema.name!r}: <its .msg text>}} to decode it"
 
     def give_up(self, why: str, hint: str = "", field: str = RAW_FIELD) -> Decoder:
-        """Return what stands for a decoder where there is none, and tell the user.
+        """Return a stand-in for a decoder that cannot be made, and warn the user.
 
         Raises:
-            EncodingError: The user wants it so.
+            EncodingError: The option `on_unknown` is "raise".
         """
         how = self.decoding.on_unknown
         if how == "raise":
@@ -63,7 +63,7 @@ class EncodedChannel:
         return lambda payload: {field: payload}
 
     def misfit(self, field: str = ODD_FIELD) -> Callable[[bytes, Exception], Row | None]:
-        """Return what takes a message that is not what its schema says; the user is told of the first one."""
+        """Return a function for messages that do not fit their schema. It warns the user of the first of them."""
         carriers: list[Decoder] = []
 
         def take(payload: bytes, why: Exception) -> Row | None:

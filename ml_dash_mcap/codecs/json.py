@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 _MOST_DIGITS = 21
-"""Of an integer in 64 bits, and its sign."""
+"""The most digits that an integer of 64 bits has, with its sign."""
 
 
 class JsonCodec(Codec):
-    """Rows as JSON objects; what JSON cannot say stands in a side key (see `rows.json_text`)."""
+    """Rows as JSON objects. Values that JSON does not have are noted in a side key (see `rows.json_text`)."""
 
     message_encoding = "json"
     schema_encoding = json_schema.ENCODING
@@ -63,7 +63,7 @@ class JsonCodec(Codec):
     # -- the writer ----------------------------------------------------------------------------------------------------
 
     def forms(self) -> BlockForms:
-        """Return what learns the shapes of rows by their skeletons."""
+        """Return a learner that tells the forms of rows by their skeletons."""
         from .json_forms import JsonForms  # numpy, which no appending thread waits for
 
         return JsonForms()
@@ -103,7 +103,7 @@ class JsonCodec(Codec):
     # -- reading -------------------------------------------------------------------------------------------------------
 
     def decoder(self, channel: EncodedChannel) -> Decoder:
-        """Return what makes rows of messages, whatever their schema says."""
+        """Return the decoder of messages. It needs no schema."""
         return decode
 
     def decode_plain(self, payloads: Sequence[bytes]) -> list[Row] | None:
@@ -117,7 +117,7 @@ class JsonCodec(Codec):
         return rows if {*map(type, rows)} == {dict} and not any(EXACT_KEY in row for row in rows) else None
 
     def column_reader(self, decoder: Callable[[], Decoder], columns: Sequence[str] | None) -> ColumnReader:
-        """Return what has pyarrow read the rows."""
+        """Return a reader that lets pyarrow read the rows."""
         from .json_columns import JsonColumnReader  # pyarrow, which only readers of columns wait for
 
         return JsonColumnReader(columns)
@@ -151,12 +151,12 @@ def decode(payload: bytes) -> Row:
 
 
 def _decode_lenient(payload: bytes) -> Any:
-    """Decode what other writers take for JSON: NaN and Infinity literals, lone surrogates, or nothing at all."""
+    """Decode the JSON of less strict writers: NaN and Infinity literals, lone surrogates, or an empty payload."""
     return json.loads(payload, parse_int=_integer) if payload.strip() else {}
 
 
 def _integer(digits: str) -> int | float:
-    """Return what orjson makes of an integer: a double, where it needs more than 64 bits."""
+    """Return an integer as orjson would: as a double if it needs more than 64 bits."""
     value = int(digits) if len(digits) <= _MOST_DIGITS else math.inf
     return value if -(2**63) <= value < 2**64 else float(digits)
 

@@ -28,13 +28,13 @@ _WORTH_ROWS = 16
 decodes one row of each run."""
 
 Tree = Mapping[str, Any]
-"""Arrays of numbers [N, ...], masked ones among them, by field; dicts of such for dicts in the rows."""
+"""Arrays of numbers [N, ...], masked or not, by field. A dict in the rows is a dict of arrays."""
 
 Leaves = Mapping[str, Any]
-"""A `_Leaf` by field; dicts of such for dicts in the rows."""
+"""A `_Leaf` by field. A dict in the rows is a dict of leaves."""
 
 Pieces = list[Any]
-"""What joins to the text of rows: lists with a text for each row, and texts that all rows have."""
+"""The parts of the text of rows: lists with a text for each row, and texts that all rows have in common."""
 
 
 def is_worthwhile(columns: Tree) -> bool:
@@ -93,7 +93,7 @@ def _records(pieces: Pieces, times_ns: npt.NDArray[np.uint64], head: bytes) -> t
 
 
 def _with_texts_joined(pieces: Pieces) -> Pieces:
-    """Return pieces of which no two texts that all rows have stand side by side."""
+    """Join texts that all rows have in common where two of them stand side by side."""
     joined: Pieces = []
     for piece in pieces:
         if isinstance(piece, bytes) and joined and isinstance(joined[-1], bytes):
@@ -177,7 +177,7 @@ class _Leaf:
 
 
 def _leaves(columns: Tree) -> Leaves:
-    """Return what columns consist of, each prepared for being cut and spelled."""
+    """Return the columns as leaves, which can be cut into rows and spelled."""
     return {name: _leaves(field) if isinstance(field, Mapping) else _leaf(field) for name, field in columns.items()}
 
 

@@ -27,7 +27,7 @@ class JsonColumnReader:
         """Begin to read.
 
         Args:
-            columns: Dotted names of those that will be wanted; None for all.
+            columns: Dotted names of the wanted columns; None for all.
         """
         self._lines = LineReader(columns)
 
@@ -74,7 +74,7 @@ def _say_all(lines: bytes, arrays: dict[str, Any]) -> bool:
 
 
 def _keys_with_dots(name: str) -> Iterator[str]:
-    """Yield what may be one key in a dotted name."""
+    """Yield the parts of a dotted name that may be single keys with dots in them."""
     parts = name.split(".")
     for start in range(len(parts)):
         for end in range(start + 2, len(parts) + 1):

@@ -17,7 +17,7 @@ _TEXT = re.compile(rb'"[^"\\]*(?:\\.[^"\\]*)*"', re.DOTALL)
 
 
 def is_within(payload: bytes, most: int) -> bool:
-    """Whether no list or dict lies in more than `most` others, counted from the outermost; fast for what is short."""
+    """Whether no list or dict lies in more than `most` others, counted from the outermost; fast for short payloads."""
     if len(payload) <= most or payload.count(b"[") + payload.count(b"{") <= most:
         return True
     # Brackets in texts do not count, so texts are taken out first.
@@ -27,7 +27,7 @@ def is_within(payload: bytes, most: int) -> bool:
 
 
 def are_within(payloads: Sequence[bytes], most: int) -> bool:
-    """Whether that is so for all of some payloads; faster than one by one."""
+    """Whether `is_within` is true for all payloads. Faster than asking for each payload."""
     large = [payload for payload in payloads if len(payload) > _LARGE_BYTES]
     if large:  # nothing is gained by joining them, and memory is lost
         rest = [payload for payload in payloads if len(payload) <= _LARGE_BYTES]

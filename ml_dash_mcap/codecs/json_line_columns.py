@@ -15,7 +15,7 @@ def flatten(table: pa.Table, *, are_own: bool) -> dict[str, pa.Array] | None:
     """Return the columns of a table by dotted name, the keys of dicts as columns of their own; None if that loses one.
 
     Args:
-        table: What was read in given types.
+        table: A table that was read in given types.
         are_own: Whether the types are those that `line_types` has learnt from the same lines: then no dict in a list
             lacks a key, and no integer among doubles is one that a double rounds.
     """
@@ -47,7 +47,7 @@ def _is_exact(array: pa.Array, are_own: bool) -> bool:
         return are_own or _is_safe(array)
     if pa.types.is_list(type_):
         return _is_exact(array.flatten(), are_own)
-    if pa.types.is_struct(type_):  # in a list
+    if pa.types.is_struct(type_):  # a dict in a list
         return all((are_own or not child.null_count) and _is_exact(child, are_own) for child in array.flatten())
     return True
 

@@ -17,7 +17,7 @@ from ..rows.shape import DICT, EMPTY_DICT, LIST, Shape
 from ..rows.value_shapes import of_values
 
 Types = dict[str, pa.DataType | None]
-"""Of keys; None for one whose values no type holds."""
+"""Types by key; None for a key whose values no type holds."""
 
 _EMPTY_PLACE = pa.bool_()
 """Stands for null inside a list: lists of the type null come back with offsets that lead out of them."""
@@ -80,7 +80,7 @@ def widened(before: Shape | None, latest: Shape) -> Shape:
 
 
 def readable(type_: pa.DataType, *, in_list: bool = False) -> pa.DataType:
-    """Return the type to give to pyarrow: with a place for what was always None or empty in lists."""
+    """Return the type to give to pyarrow. Elements of lists that were always None or empty get a type, too."""
     if pa.types.is_null(type_):
         return _EMPTY_PLACE if in_list else type_
     if pa.types.is_list(type_):

@@ -31,7 +31,7 @@ _MOST_BYTES = 2**31 - 2
 
 _EXACT = f'"{EXACT_KEY}"'.encode()
 _SIDE_KEY = pa.field(EXACT_KEY, pa.struct([]))
-"""Tells the rows that have it from those that do not, without reading what is in it."""
+"""This field tells the rows that have the side key from the others, without reading its content."""
 
 _FIRST, _LAST = itemgetter(0), itemgetter(-1)
 _BEGIN, _END = {ord("{")}, {ord("}")}
@@ -52,7 +52,7 @@ class Lines(NamedTuple):
     """Payloads that a `LineReader` can be given."""
 
     text: bytes
-    """One behind the other, with an end of line between two."""
+    """The payloads, one behind the other, with a newline between two of them."""
     payloads: Sequence[bytes]
 
 
@@ -99,17 +99,17 @@ def _is_utf8(text: bytes) -> bool:
 class LineReader:
     """Reads the rows of one channel, some columns of them, and learns their types from one call to the next.
 
-    Any thread may call it: what one learned too late is only learned again.
+    Any thread may call it. If two threads learn the same types at once, nothing but time is lost.
     """
 
     def __init__(self, columns: Sequence[str] | None = None) -> None:
         """Begin to read.
 
         Args:
-            columns: Dotted names of those that will be wanted; None for all. Others may come back with them.
+            columns: Dotted names of the wanted columns; None for all. Other columns may come back with them.
         """
         self._places = [] if columns is None else [_top_level_names(column) for column in columns]
-        """For each column, the keys of a row that it may lie under."""
+        """For each column, the top-level keys under which it may lie."""
         self._wanted = None if columns is None else list(dict.fromkeys(chain([TIME_KEY], *self._places)))
         self._shapes: dict[str, Shape] = {}
         self._types: Types = {}
@@ -118,7 +118,7 @@ class LineReader:
     def read(self, lines: Lines) -> dict[str, pa.Array] | None:
         """Return the columns of rows, by dotted name, or None if only Python objects can hold them without loss.
 
-        Rows with the side key are such ones.
+        Rows with the side key need Python objects.
         """
         if not self._types:
             self._learn(_some_rows(lines.payloads))
@@ -126,7 +126,7 @@ class LineReader:
         return self._learned(lines) if flat is None and _EXACT not in lines.text else flat
 
     def _expected(self, lines: Lines) -> dict[str, pa.Array] | None:
-        """Read what the lines before had, in the types that it had: faster than to find out again.
+        """Read the fields of the lines before, in the types that they had. That is faster than finding the types again.
 
         Returns:
             None if something else is there, or if a key that seems to be there may not be.
@@ -150,17 +150,17 @@ class LineReader:
 
     def _learned(self, lines: Lines) -> dict[str, pa.Array] | None:
         """Read lines in the types that their own values have."""
-        if None in self._learn(_some_rows(lines.payloads)).values():  # what does not hold some rows does not hold all
+        if None in self._learn(_some_rows(lines.payloads)).values():  # types that do not hold some rows do not hold all
             return None
         rows = _decoded(lines.payloads)
-        if rows is None or any(EXACT_KEY in row for row in rows):  # which was spelled with escapes
+        if rows is None or any(EXACT_KEY in row for row in rows):  # spelled with escapes
             return None
         own = self._learn(rows)
         types = {name: type_ for name, type_ in own.items() if type_ is not None}
         return None if len(types) < len(own) or self._is_ambiguous(types) else self._flat(lines, types, are_own=True)
 
     def _learn(self, rows: Sequence[Mapping[str, Any]]) -> Types:
-        """Return the types of rows, and remember for the next lines what holds theirs and those of the lines before."""
+        """Return the types of rows, and remember for the next lines the types that hold all rows so far."""
         shapes = json_line_types.shapes_of(rows, self._wanted)
         joined = {name: json_line_types.widened(self._shapes.get(name), shapes[name]) for name in shapes}
         self._shapes = {**self._shapes, **joined}
@@ -176,11 +176,11 @@ class LineReader:
     def _flat(self, lines: Lines, types: Mapping[str, pa.DataType], *, are_own: bool) -> dict[str, pa.Array] | None:
         has_dicts = any(json_line_types.has(type_, pa.types.is_struct) for type_ in types.values())
         if has_dicts and not are_own and _has_empty_dict(lines.text):
-            return None  # it leaves no trace beside others
+            return None  # pyarrow leaves no trace of an empty dict beside other dicts
         fields = [pa.field(name, json_line_types.readable(type_)) for name, type_ in types.items()]
         is_all = self._wanted is None
         table = _read(lines.text, fields if is_all else [*fields, _SIDE_KEY], "error" if is_all else "ignore")
-        if table is None or table.num_rows != len(lines.payloads):  # there were several rows in one
+        if table is None or table.num_rows != len(lines.payloads):  # a payload held several rows
             return None
         if not is_all:
             if table.column(EXACT_KEY).null_count < table.num_rows:
@@ -236,7 +236,7 @@ def _present(names: Sequence[str], first: Mapping[str, Any], text: bytes) -> lis
         text: All rows.
     """
     others = {name: orjson.dumps(name) for name in names if name not in first}
-    if not others or b"\\" in text:  # with which any key can be spelled
+    if not others or b"\\" in text:  # with escapes a key can be spelled in many ways
         return list(names)
     if len(others) > _MANY_KEYS:
         texts = set(_TEXT.findall(text))

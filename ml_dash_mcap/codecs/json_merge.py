@@ -10,7 +10,7 @@ import orjson
 from ..rows.plain_row import EXACT_KEY, TIME_KEY
 
 TIME_MARK = b'"_ts":'
-"""The time stamp's key; what follows its last occurrence is the time stamp and the end of the row."""
+"""The time stamp's key. Behind its last occurrence stand the time stamp and the end of the row."""
 
 
 def time_of(payload: bytes) -> float:

@@ -14,7 +14,7 @@ def of_shape(shape: Shape | None, title: str) -> bytes:
     """Return the schema of rows of a shape.
 
     Args:
-        shape: What the rows look like so far; None before the first row.
+        shape: The shape of the rows so far; None before the first row.
         title: The topic's name.
     """
     return orjson.dumps({"type": "object", "title": title} if shape is None else schema.to_json(shape, title))

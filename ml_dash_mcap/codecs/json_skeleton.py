@@ -38,7 +38,7 @@ _MOST_FORMS = 1024
 """Forms that are told apart in one block; the rows of further ones are decoded, and widen the shape."""
 
 _MOST_BYTES = 1024 * 1024
-"""What one topic remembers from block to block, in bytes, about; it begins anew with more."""
+"""About how many bytes a topic remembers from block to block. Beyond that, it forgets everything but the shape."""
 
 _ROUNDS = 8
 """Forms of one length that are looked for in all rows at once; then each row is looked up by itself."""
@@ -50,7 +50,7 @@ _NO_ITEMS = b"[]"
 """The skeleton of an empty array, and of one that holds a single integer."""
 
 _FORM_BYTES, _KEY_BYTES = 400, 60
-"""What a form or a skeleton takes besides its text, and a form for each of its keys, about."""
+"""About how many bytes a form or a skeleton takes besides its text, and how many a form takes for each key."""
 
 _QUOTE, _MINUS, _ZERO, _NINE, _COLON, _BACKSLASH, _E = (ord(character) for character in '"-09:\\e')
 
@@ -212,7 +212,7 @@ def guess(
     texts = {number: text for number, (text, _) in latest.items()}
     counts = np.bincount(channels).tolist()
     if sum(len(text) * counts[number] for number, text in texts.items() if number < len(counts)) != len(bones.kept):
-        return None  # before more is joined than the block holds
+        return None  # so that no more is joined than the block holds
     if b"".join([texts[number] for number in numbers]) != bones.kept.tobytes():
         return None
     if any(of_channel[number].forms[form].integers for number, (_, form) in latest.items()) and bones.has_exponents:
@@ -238,7 +238,7 @@ class Bones:
         self._data = data
         self._row_starts = starts
         self._row_ends = ends
-        keep = (data - np.uint8(_ZERO)) > _NINE - _ZERO  # no digit; what lies below the zero wraps
+        keep = (data - np.uint8(_ZERO)) > _NINE - _ZERO  # no digit: bytes below "0" wrap around to large numbers
         keep &= data != _MINUS
         keep[(starts - head)[:, None] + np.arange(head)] = False
         at, kept = _without_exponents(data, np.flatnonzero(keep))

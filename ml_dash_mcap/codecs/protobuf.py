@@ -23,7 +23,7 @@ class ProtobufCodec(MessageCodec):
     """Messages whose schema is a set of file descriptors."""
 
     def decoder(self, channel: EncodedChannel) -> Decoder | None:
-        """Return what makes rows of a channel's messages."""
+        """Return the decoder of a channel's messages."""
         if channel.schema.encoding != "protobuf":
             return None
         decode = decoder(channel.schema.name, channel.schema.data)
@@ -52,7 +52,7 @@ def decoder(name: str, data: bytes) -> Callable[[bytes], Row]:
     The function raises a `ValueError` for bytes that are no such message.
 
     Args:
-        name: What the message is called, such as `foxglove.LaserScan`.
+        name: The name of the message, such as `foxglove.LaserScan`.
         data: A serialized `google.protobuf.FileDescriptorSet`.
 
     Raises:
@@ -79,7 +79,7 @@ def decoder(name: str, data: bytes) -> Callable[[bytes], Row]:
 
 
 class _Rows:
-    """What converts each kind of message; messages may have each other in them."""
+    """Converters of each kind of message. Messages may contain each other."""
 
     def __init__(self) -> None:
         self._converters: dict[str, Convert] = {}
@@ -105,7 +105,7 @@ class _Rows:
         return convert
 
     def _of_field(self, field: FieldDescriptor) -> Convert | None:
-        """Return what converts a field's value; None if it stays what it is."""
+        """Return the converter of a field's value; None if the value stays as it is."""
         inner = field.message_type
         if inner is not None and inner.GetOptions().map_entry:
             return _map(inner.fields_by_name["key"], self._of_value(inner.fields_by_name["value"]))

@@ -102,7 +102,7 @@ class RowCodec(Codec):
     # -- reading -------------------------------------------------------------------------------------------------------
 
     def decoder(self, channel: EncodedChannel) -> Decoder:
-        """Return what makes rows of messages, whatever their schema says."""
+        """Return the decoder of messages. It needs no schema."""
         return self.decode
 
     def decode_plain(self, payloads: Sequence[bytes]) -> list[Row] | None:

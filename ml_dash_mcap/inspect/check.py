@@ -16,7 +16,7 @@ _NAMED = 3
 
 
 def check(files: Sequence[File], topics: Iterable[str], *, has_all: bool) -> Report:
-    """Check every message's time and sequence number, and what the files tell about themselves.
+    """Check the time and sequence number of every message, and the files' own records about losses.
 
     Reads every chunk that holds one of the topics, so that its checksum is verified, and decodes no payload.
 
@@ -40,12 +40,12 @@ def check(files: Sequence[File], topics: Iterable[str], *, has_all: bool) -> Rep
 
 
 def _rank(finding: Finding) -> tuple[int, int, str]:
-    """Return what findings are sorted by: the worst first."""
+    """Return the key by which findings are sorted: the worst first."""
     return SEVERITIES.index(finding.severity), KINDS.index(finding.kind), finding.topic or ""
 
 
 def _damage(files: Sequence[File], errors: Sequence[DamagedFileError]) -> list[Finding]:
-    """Return what is broken, and where indexes and statistics are wrong."""
+    """Return findings about damage, and about wrong indexes and statistics."""
     kinds: dict[str, Kind] = {str(error): "damage" for error in errors}
     for loss in (loss for file in files for loss in file.losses):
         # An error that was raised above is among the losses, too, and counts once.
@@ -62,7 +62,7 @@ def _drops(files: Sequence[File], topics: Sequence[str] | None) -> list[Finding]
     for file in files:
         try:
             records = [record.values for record in file.metadata() if record.name == DROPS_RECORD]
-        except DamagedFileError:  # the damage is told
+        except DamagedFileError:  # it is among the findings of damage already
             continue
         run = writing_order.run_of(file) or file.source.name
         last.update({(run, topic): _count(text) for values in records for topic, text in values.items()})

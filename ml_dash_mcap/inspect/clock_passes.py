@@ -52,7 +52,7 @@ def counted(files: Sequence[File]) -> dict[tuple[str, str], Counted]:
             for record in file.metadata():
                 if record.name == STEPS_RECORD:
                     blocks[run, record.values.get("block", "")] = _topics(record.values.get("topics", ""))
-        except DamagedFileError:  # the damage is told
+        except DamagedFileError:  # it is among the findings of damage already
             continue
     totals: dict[tuple[str, str], Counted] = {}
     for (run, _), topics in blocks.items():

@@ -28,7 +28,7 @@ def own_clock_until(folder: Path) -> float | None:
     for path in paths[:_MOST_FILES]:
         try:
             span = _tracks_span(path)
-        except (RecorderError, OSError):  # whoever reads the file is told
+        except (RecorderError, OSError):  # reading the file raises this again
             continue
         if span is not None:
             begun_s, end_s = span

@@ -38,7 +38,7 @@ class Occurrence:
     """One place where something is wrong."""
 
     time: float | None
-    """Where it begins, in s; None where no time tells."""
+    """The time at which it begins, in s; None if it has no time."""
     what: str
     """In words."""
     rows: int = 0
@@ -55,7 +55,7 @@ class Finding:
     """Everything of one kind that is wrong on one topic."""
 
     topic: str | None
-    """The topic; None for what concerns the whole recording."""
+    """The topic; None for findings about the whole recording."""
     kind: Kind
     """- "damage": bytes that are broken, or a file without its end;
     - "index": an index, the statistics or the summary contradict the data, which are read instead;
@@ -66,7 +66,7 @@ class Finding:
     - "gap": rows that are too far apart;
     - "late": rows that were written after one of a later time; reading sorts them."""
     time: float | None
-    """Where the worst of it is, in s; None where no time tells."""
+    """The time of the worst occurrence, in s; None if it has no time."""
     what: str
     """In words: what it is, or how often it is there and what the worst is."""
     count: int = field(default=1, compare=False)

@@ -38,7 +38,7 @@ def find(topic: StoredTopic, longer_than_s: Any = None) -> list[Gap]:
 
     Args:
         topic: The topic.
-        longer_than_s: What a gap is longer than, in s; 1.5 times the median spacing by default.
+        longer_than_s: The longest spacing that is no gap, in s; 1.5 times the median spacing by default.
 
     Raises:
         RangeError: `longer_than_s` is not a number above 0.

@@ -19,7 +19,7 @@ def line(name: str, files: int, duration_s: float, topics: Mapping[str, Callable
         name: Of the recording, as it was opened.
         files: How many there are.
         duration_s: From the first message to the last, in s.
-        topics: Names to what counts their rows; only the first few are counted.
+        topics: By name, a function that counts the rows; only the first few are called.
     """
     named = [f"{topic} ({_counted(count)})" for topic, count in list(topics.items())[:_NAMED]]
     more = [f"and {len(topics) - _NAMED} more"] if len(topics) > _NAMED else []
@@ -39,7 +39,7 @@ def table(title: str, topics: Mapping[str, TopicInfo]) -> str:
 def _cells(topics: Mapping[str, TopicInfo], name: str) -> list[str]:
     try:
         topic = topics[name]
-    except RecorderError as error:  # whoever reads the rows is told
+    except RecorderError as error:  # reading the rows raises this again
         return [name, "?", "", "", "", str(error)]
     fields = [f"{field} {values}" for field, values in topic.fields.items()]
     listed = ", ".join(fields[:_FIELDS]) + (f", and {len(fields) - _FIELDS} more" if len(fields) > _FIELDS else "")

@@ -14,7 +14,7 @@ from .plain_words import brief_duration
 Times = npt.NDArray[np.uint64]
 
 FEWEST = 5
-"""Fewer spacings say nothing about what is usual."""
+"""With fewer spacings, no usual spacing can be told."""
 
 _ON_GRID, _SHARE_ON_GRID = 0.05, 0.95
 """Times are on a grid if so many of the spacings are within so much of a multiple of the usual one. Then they were

@@ -19,7 +19,7 @@ def metadata(files: Sequence[File]) -> list[tuple[str, dict[str, str]]]:
 
 
 def run(files: Sequence[File]) -> dict[str, str]:
-    """Return what is known about the run: what was said last counts."""
+    """Return the run's metadata by name; the value that was recorded last counts."""
     merged: dict[str, str] = {}
     for file in files:
         if any(entry.name == RUN_RECORD for entry in file.glance.metadata):
@@ -30,7 +30,7 @@ def run(files: Sequence[File]) -> dict[str, str]:
 
 
 def parameters(files: Sequence[File]) -> dict[str, Any]:
-    """Return the parameters by dotted name: what was set last counts."""
+    """Return the parameters by dotted name; the value that was set last counts."""
     parameters_by_name: dict[str, Any] = {}
     for name, values in metadata(files):
         if name == ABOUT_RECORD:  # each segment repeats what was set before it
@@ -47,7 +47,7 @@ def spans(files: Sequence[File]) -> list[tuple[int, int]]:
 
 
 def _from_json(text: str) -> Any:
-    """Return the value of a parameter's text, which is JSON or a literal such as NaN; what is neither stays text."""
+    """Return the value of a parameter's text, which is JSON or a literal such as NaN; any other text stays as it is."""
     try:
         return orjson.loads(text)
     except orjson.JSONDecodeError:

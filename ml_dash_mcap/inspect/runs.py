@@ -1,4 +1,4 @@
-"""The runs in a recording: what each start of a program recorded into its folder."""
+"""The runs in a recording: each start of a program that recorded into its folder."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SHOWN = 5
 
 @dataclass(frozen=True, slots=True)
 class RunInfo:
-    """One run in a recording: what one recorder wrote, from its opening to its close.
+    """One run in a recording: all that one recorder wrote, from its opening to its close.
 
     Example:
         >>> for run in rec.runs:
@@ -113,7 +113,7 @@ def _run(index: int, name: str, files: Sequence[File], is_recorded: bool) -> Run
 def _about(file: File) -> dict[str, str]:
     try:
         return next((dict(record.values) for record in file.metadata() if record.name == ABOUT_RECORD), {})
-    except DamagedFileError:  # whoever reads the metadata is told
+    except DamagedFileError:  # reading the metadata raises this again
         return {}
 
 

@@ -45,7 +45,7 @@ class Step:
 
 
 def find(times_ns: Times) -> tuple[list[Late], list[Step]]:
-    """Find what is out of order.
+    """Find rows that are out of order, and steps of the clock.
 
     Rows behind the latest time so far are late if the times then leap back to where they were. If they go on from
     there at their usual pace, the clock was set back.

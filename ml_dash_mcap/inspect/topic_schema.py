@@ -55,7 +55,7 @@ _PARTS = ("properties", "items")
 
 
 def _merge_schemas(first: dict[str, Any], second: dict[str, Any]) -> dict[str, Any]:
-    """Return a schema for what two segments' schemas describe; others' keywords are those of the second one."""
+    """Return a schema for the values of two segments' schemas. Other tools' keywords come from the second one."""
     merged = {**first, **second}
     both = schema.of_json(_without_parts(first)) | schema.of_json(_without_parts(second))
     words = schema.words_of(both)

@@ -41,7 +41,7 @@ class TopicInfo:
     encoding: str = "json"
     """How its messages are encoded."""
     schema_name: str = ""
-    """What its messages are called, such as "sensor_msgs/msg/JointState"; the topic's name in our own recordings."""
+    """The type of its messages, such as "sensor_msgs/msg/JointState"; the topic's name in our own recordings."""
     description: str | None = None
     tags: tuple[str, ...] = ()
     metadata: Mapping[str, Any] = field(default_factory=dict)
@@ -64,7 +64,7 @@ class TopicInfo:
 
 
 def describe(topic: StoredTopic) -> tuple[str | None, tuple[str, ...], dict[str, Any]]:
-    """Return a topic's description, tags and metadata: what was said last counts."""
+    """Return a topic's description, tags and metadata; the values that were recorded last count."""
     stated: dict[str, str] = {}
     for _, channel in topic.channels:
         stated.update({key: text for key, text in channel.metadata.items() if key in _DESCRIBING})
@@ -122,7 +122,7 @@ def _fields(topic: StoredTopic, schema: Mapping[str, Any], first_row: Mapping[st
 
 
 def _is_nested(value: Any) -> bool:
-    """Whether it is a list of lists or dicts, or an empty one: what an inferred schema cannot say."""
+    """Whether a value is a list of lists or dicts, or an empty list, which an inferred schema cannot describe."""
     return isinstance(value, list) and all(isinstance(element, (list, dict)) for element in value)
 
 

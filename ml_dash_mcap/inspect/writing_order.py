@@ -86,7 +86,7 @@ def run_of(file: File) -> str | None:
     """Return the id of the recorder of this library that wrote a file; None for other tools' files."""
     try:
         return next((record.values.get("run") for record in file.metadata() if record.name == ABOUT_RECORD), None)
-    except DamagedFileError:  # whoever reads the metadata is told
+    except DamagedFileError:  # reading the metadata raises this again
         return None
 
 

@@ -11,7 +11,7 @@ from .record_layout import PREFIX_BYTES, Fields, read_prefix
 from .records import ATTACHMENT_HEAD, MAGIC, AttachmentEntry, Opcode
 
 _HEAD_BYTES = 4096
-"""So much is read to see whether an attachment is what the index says."""
+"""So much of an attachment is read to compare it with the index."""
 
 _NAMES_BYTES = 64 * 1024
 """Enough of an attachment to hold everything before its data."""

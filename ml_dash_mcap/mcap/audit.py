@@ -22,7 +22,7 @@ from .record_layout import PREFIX_BYTES
 from .records import AttachmentEntry, Chunk, MetadataEntry, Opcode, Statistics
 
 Fault = tuple[int, str]
-"""Where in the file, and what, in words."""
+"""The place in the file in bytes, and the fault in words."""
 
 _OF_CHUNK = ("length", "start_ns", "end_ns", "compression", "compressed_size", "uncompressed_size")
 
@@ -61,7 +61,7 @@ def settle(file: McapFile) -> None:
 def survey(file: McapFile) -> None:
     """Correct the times that a file's index states for its chunks, by their message indexes. Happens once a file.
 
-    Whoever reads everything in the order of time needs that. Our own recorder's files are left alone.
+    Reading everything in the order of time needs correct times. Files of our own recorder are not checked.
     """
     settle(file)
     if not file.begin_survey() or not file.index.by_summary or file.index.is_ours:
@@ -72,7 +72,7 @@ def survey(file: McapFile) -> None:
 
 
 def survey_few(file: McapFile) -> None:
-    """Do what `survey` does, if the file has so few chunks that it takes hardly any time."""
+    """Call `survey` if the file has so few chunks that it takes hardly any time; otherwise `settle`."""
     if len(file.index.chunks) <= _FEW_CHUNKS:
         survey(file)
     else:
@@ -99,11 +99,11 @@ def _are_times_right(source: ByteSource, chunk: Chunk, limits: Limits) -> bool:
 
 
 def audit(file: McapFile, collect: Callable[[Chunk, ChunkContents], T]) -> list[T | DamagedFileError]:
-    """Read all of a file, note in it what its indexes and statistics say wrongly, and make its index true.
+    """Read all of a file, note the faults of its indexes and statistics, and correct its index.
 
     Args:
         file: Gets the notes, and the losses of damage that is met.
-        collect: Called with each chunk and what it holds, on several threads.
+        collect: Called with each chunk and its contents, on several threads.
 
     Returns:
         What `collect` did for each chunk, in the order of the file; in the place of a damaged one what is wrong with
@@ -143,12 +143,12 @@ def _lost(file: McapFile, chunk: Chunk, error: DamagedFileError) -> DamagedFileE
 
 
 def _without_messages(contents: ChunkContents) -> ChunkContents:
-    """Return what a chunk holds besides its messages, which would keep all its bytes in memory."""
+    """Return a chunk's contents without its messages, which would keep all its bytes in memory."""
     return replace(contents, messages={})
 
 
 def _index(base: FileIndex, opened: list[tuple[Chunk, ChunkContents | None]]) -> FileIndex:
-    """Return the index of a scan with what the chunks were found to hold."""
+    """Return the index of a scan, with the contents of the chunks added."""
     schemas, channels = dict(base.schemas), dict(base.channels)
     counts: dict[int, int] = {}
     for chunk, contents in opened:
@@ -179,13 +179,13 @@ def _index(base: FileIndex, opened: list[tuple[Chunk, ChunkContents | None]]) ->
 def _faults(
     source: ByteSource, limits: Limits, scanned: FileIndex, true: FileIndex, *, is_read: bool
 ) -> Iterator[Fault]:
-    """Yield everything that a file's summary says and that is not so. What it leaves out altogether is not wrong.
+    """Yield every false statement of a file's summary. Things that it leaves out altogether are not false.
 
     Args:
         source: The file.
-        limits: For what is read.
-        scanned: What its records say of its chunks.
-        true: What is true.
+        limits: Limits for reading.
+        scanned: The index by its records.
+        true: The corrected index.
         is_read: Whether all chunks could be read.
     """
     footer = summary.read_footer(source, true.size)

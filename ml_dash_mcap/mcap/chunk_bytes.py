@@ -19,9 +19,9 @@ from .records import Chunk, ChunkHead, Opcode
 
 _PIECE = MIB
 MOST_BYTES = 256 * MIB
-"""Of a chunk that is compressed by more than `Limits.ratio`, so many uncompressed bytes are looked at."""
+"""The most uncompressed bytes that are looked at in a chunk that is compressed by more than `Limits.ratio`."""
 MOST_RECORDS = 500_000
-"""Of such a chunk, so many records are looked at: the smallest ones cost the most time for their bytes."""
+"""The most records that are looked at in such a chunk: small records cost the most time for their bytes."""
 # A zstd frame says how large a window its reader must allocate. Larger windows are refused.
 _MOST_WINDOW = 64 * MIB
 _KEPT = frozenset((Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE))
@@ -32,11 +32,11 @@ class LimitError(DamagedFileError):
 
 
 class NoChunkError(DamagedFileError):
-    """Where an index says that a chunk starts, none does."""
+    """No chunk starts where an index says that one does."""
 
 
 def check_size(chunk: Chunk, path: str, limits: Limits) -> None:
-    """Refuse a chunk that would take too much memory, by what is announced, before anything of it is read.
+    """Refuse a chunk that would take too much memory, by the sizes that it announces, before any of it is read.
 
     Raises:
         DamagedFileError: It is beyond the limits.
@@ -60,10 +60,10 @@ def unpack(
 
     Args:
         record: The whole Chunk record (or, for loose messages, just these).
-        chunk: What the index says about it.
+        chunk: Its entry in the index.
         path: The file, for error messages.
         limits: Checked before memory is taken.
-        note: Called with what the index says wrongly; the chunk itself counts.
+        note: Called with faults of the index entry, in words. The chunk itself counts.
 
     Raises:
         DamagedFileError: The record is no chunk, contradicts itself, is beyond the limits, or its CRC does not match.
@@ -130,23 +130,23 @@ def _unpack_lz4(packed: memoryview, size: int) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class FittingRecords:
-    """What is left of a chunk."""
+    """The part of a chunk that fits the limits."""
 
     data: bytes
     """Its schemas, channels and messages that fit."""
     lost: Mapping[int, int]
     """Channel to how many messages do not fit."""
     is_whole: bool
-    """Whether it was looked at up to its end, and so its checksum verified."""
+    """Whether the chunk was read up to its end, so that its checksum is verified."""
 
 
 def read_fitting(source: ByteSource, chunk: Chunk, limits: Limits) -> FittingRecords:
-    """Read what fits of a chunk that is over the limits.
+    """Read the part of a chunk over the limits that fits them.
 
     Args:
         source: The file.
         chunk: Which one.
-        limits: What fits: together and each no more than `any_ratio_bytes`, and no more than `chunk_bytes`.
+        limits: Records fit that have, each and together, no more than `any_ratio_bytes` and `chunk_bytes`.
 
     Raises:
         DamagedFileError: It is damaged besides.

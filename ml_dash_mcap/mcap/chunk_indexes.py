@@ -32,7 +32,7 @@ Record = tuple[int, int, Fields]
 
 
 class ChunkIndexes:
-    """Where the chunk indexes of a summary lie, and what they say."""
+    """The chunk indexes of a summary: their places and their contents."""
 
     def __init__(self, path: str) -> None:
         """Begin with none; `path` is for error messages."""
@@ -132,7 +132,7 @@ def check(chunk: Chunk, path: str, at: int, data_end: int) -> None:
     """Check where a chunk index points to, as `_is_sound` does.
 
     Args:
-        chunk: What it says.
+        chunk: The chunk index.
         path: The file, for error messages.
         at: Where in it the chunk index lies.
         data_end: Where the data section ends.
@@ -188,7 +188,7 @@ def _read(data: memoryview, form: np.dtype[np.void], ats: npt.NDArray[np.int64])
 
 
 def _strided(data: memoryview, form: np.dtype[Any]) -> npt.NDArray[Any]:
-    """Return what would be in `data` if a record of a form began at each of its bytes."""
+    """Return a view of `data` as if a record of a form began at each of its bytes."""
     # Records begin at any byte. A view with a stride of 1 copies nothing; indexing it copies the wanted records.
     records_at_each_byte: npt.NDArray[Any] = np.ndarray((len(data) - form.itemsize + 1,), form, data, 0, (1,))
     return records_at_each_byte

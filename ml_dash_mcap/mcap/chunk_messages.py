@@ -29,7 +29,7 @@ class Messages:
     published_ns: npt.NDArray[np.uint64]
     sequences: npt.NDArray[np.uint32]
     offsets: npt.NDArray[np.int64]
-    """In the chunk's records: their order is the order of writing."""
+    """Places in the chunk's records, in bytes: their order is the order of writing."""
     ends: npt.NDArray[np.int64]
     """Where each record ends, in the chunk's records."""
     data: bytes
@@ -61,7 +61,7 @@ class Messages:
 
 @dataclass(frozen=True, slots=True)
 class ChunkScan:
-    """What a chunk's own records hold, found without its message indexes."""
+    """The contents of a chunk by its own records, without its message indexes."""
 
     schemas: Mapping[int, records.Schema]
     channels: Mapping[int, records.Channel]
@@ -120,7 +120,7 @@ def _scan_stretch(
 
 @dataclass(frozen=True, slots=True)
 class ChunkContents:
-    """What a chunk holds, by its own records."""
+    """The contents of a chunk, by its own records."""
 
     messages: Mapping[int, Messages]
     """By channel."""
@@ -141,13 +141,13 @@ class ChunkContents:
         return (min(int(part.min()) for part in times), max(int(part.max()) for part in times)) if times else None
 
     def corrected(self, chunk: Chunk) -> Chunk:
-        """Return what is true of the chunk; without message indexes if those behind it are wrong."""
+        """Return the chunk's entry corrected by its records, without message indexes if the stored ones are wrong."""
         start_ns, end_ns = self.span or (chunk.start_ns, chunk.end_ns)
         is_indexed = chunk.indexed and self.is_indexed
         return replace(chunk, start_ns=start_ns, end_ns=end_ns, counts=self.counts, indexed=is_indexed)
 
     def differences(self, chunk: Chunk) -> Iterator[tuple[str, str]]:
-        """Yield what the file's index says wrongly of the chunk: a key that tells the fault from others, and words."""
+        """Yield the faults of the chunk's index entry: a key that no other fault has, and the fault in words."""
         span = self.span
         if span is not None and span != (chunk.start_ns, chunk.end_ns):
             yield (

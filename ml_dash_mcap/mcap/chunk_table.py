@@ -32,7 +32,7 @@ GAP_BYTES = 64 * 1024
 """Neighbours that lie at most this far apart are read together, in bytes: skipping would cost more."""
 
 SPAN_BYTES = 2 * 1024 * 1024
-"""What is read together stops growing beyond this many bytes, which bounds a reader's memory."""
+"""A range that is read at once stops growing beyond this many bytes. That bounds a reader's memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class ChunkTable(Sequence[Chunk]):
         self._chunk_by_place: dict[int, Chunk] = {int(place[at]): chunk for at, chunk in others}
         self._others = list(self._chunk_by_place)
         self._same_ids = [_same_row(group.ids) for group in self._alike]
-        """Of each group, the channels of all its chunks, if they have the same ones, as most recordings' have."""
+        """For each group, the channels of its chunks if all have the same ones, as in most recordings; else None."""
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -101,7 +101,7 @@ class ChunkTable(Sequence[Chunk]):
         return (self[at] for at in range(len(self)))
 
     def holding(self, channels: Collection[int] | None, start_ns: int, end_ns: int) -> npt.NDArray[np.intp]:
-        """Do what the function `holding` does."""
+        """Return the places of the chunks that may hold a wanted message; see the function `holding`."""
         if start_ns > _LAST or end_ns < 0:
             return np.empty(0, np.intp)
         wanted = self.numbers["end_ns"] >= np.uint64(max(start_ns, 0))
@@ -111,7 +111,7 @@ class ChunkTable(Sequence[Chunk]):
         return np.flatnonzero(wanted)
 
     def channels(self) -> set[int]:
-        """Do what the function `channels` does."""
+        """Return the ids of all channels; see the function `channels`."""
         ids: set[int] = set()
         for group in self._alike:
             ids.update(np.unique(group.ids).tolist())
@@ -142,7 +142,7 @@ class ChunkTable(Sequence[Chunk]):
         return True
 
     def correct(self, chunk: Chunk) -> None:
-        """Put in what is true of a chunk whose index was wrong; it lies where it lay."""
+        """Put a corrected entry of a chunk in the place of the wrong one. Its offset in the file is the same."""
         place = int(np.searchsorted(self.numbers["offset"], np.uint64(chunk.offset)))
         if place not in self._others:
             self._others.append(place)  # looked at after those that were read together, so that it counts
@@ -172,7 +172,7 @@ class ChunkTable(Sequence[Chunk]):
 
 
 def _same_row(ids: npt.NDArray[np.uint16]) -> frozenset[int] | None:
-    """Return what all rows of a matrix hold; None if they differ, or are empty."""
+    """Return the numbers that all rows of a matrix have; None if the rows differ, or are empty."""
     is_same = ids.size > 0 and bool((ids == ids[0]).all())
     return frozenset(ids[0].tolist()) if is_same else None
 
@@ -250,7 +250,7 @@ def unpacked_bytes(chunks: Sequence[Chunk], at_most: int) -> int:
 
 
 def correct(chunks: Sequence[Chunk], chunk: Chunk) -> None:
-    """Do what `ChunkTable.correct` does, for the chunks of any file."""
+    """Put a corrected entry of a chunk in the place of the wrong one, for the chunks of any file."""
     if isinstance(chunks, ChunkTable):
         chunks.correct(chunk)
     elif isinstance(chunks, list):

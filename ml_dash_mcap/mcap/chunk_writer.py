@@ -55,7 +55,7 @@ class PackedChunk:
         return len(self.head) + len(self.data)
 
     def placed(self, offset: int) -> Chunk:
-        """Return what an index says of the chunk, if it starts at `offset` in its file and its indexes follow it."""
+        """Return the index entry of the chunk at `offset` in its file, with its message indexes right behind it."""
         offsets, position = {}, offset + self.length
         for channel_id, index in self.indexes.items():
             offsets[channel_id] = position
@@ -115,7 +115,7 @@ UNCOMPRESSED: Compressor = _None()
 
 
 def compressor(options: RecorderOptions) -> Compressor:
-    """Return what the options ask for."""
+    """Return the compressor that the options ask for."""
     if options.compression == "zstd":
         return _Zstd(options.compression_level)
     return _Lz4(options.compression_level) if options.compression == "lz4" else _None()
@@ -131,7 +131,7 @@ def build(rows: Rows, compress: Compressor) -> PackedChunk:
 
 
 def build_block(block: MessageBlock, compress: Compressor) -> PackedChunk:
-    """Do what `build` does for messages, one or more, that come from elsewhere: their channels' numbers are the ids."""
+    """Build a chunk of one or more messages of another file. The numbers of their channels become the channel ids."""
     sizes = np.fromiter(map(len, block.payloads), np.int64, len(block))
     heads = message_heads(sizes, block.channels, block.times_ns)
     heads["sequence"] = block.sequences
@@ -151,7 +151,7 @@ def pack(
         block: The records, one behind the other.
         start_ns: The first of their log times.
         end_ns: The last one.
-        entries: What each channel's MessageIndex holds, in `INDEX_ENTRY`, by channel id.
+        entries: The entries of each channel's MessageIndex, in `INDEX_ENTRY`, by channel id.
         compress: How to compress them.
     """
     data, compression = compress(block), compress.name

@@ -41,8 +41,8 @@ class FileChunks:
 
         Args:
             source: The file.
-            limits: For what is unpacked.
-            losses: Gets what a chunk's index says wrongly, and what is left out.
+            limits: Limits for unpacking.
+            losses: Gets the faults of chunk indexes, and the messages that are left out.
             topic_of: Names the topic of a channel, where messages that are over the limits are to be left out of their
                 chunk; None refuses the chunk.
         """
@@ -81,7 +81,7 @@ class FileChunks:
             record: Its bytes, if they have been read already.
 
         Raises:
-            DamagedFileError: They are not what they should be.
+            DamagedFileError: They are damaged.
         """
         with self._kept_lock:
             kept = self._kept.get(_key(chunk))
@@ -157,7 +157,7 @@ class FileChunks:
         """Return where each channel's messages lie in a chunk by scanning its records.
 
         Raises:
-            DamagedFileError: They are not what they should be.
+            DamagedFileError: They are damaged.
         """
         with self._kept_lock:
             indexes = self._scanned.get(_key(chunk))
@@ -169,7 +169,7 @@ class FileChunks:
         return indexes
 
     def forget(self) -> None:
-        """Let go of what was unpacked: the file was rewritten."""
+        """Forget all unpacked chunks, because the file was rewritten."""
         with self._kept_lock:
             self._kept.clear()
             self._latest = None
@@ -240,5 +240,5 @@ class FileChunks:
 
 
 def _key(chunk: Chunk) -> _Key:
-    """Return what tells a chunk from others; messages outside of chunks are taken together, and grow."""
+    """Return a key for a chunk. The length is part of it, because a group of messages outside of chunks may grow."""
     return chunk.offset, chunk.length

@@ -11,7 +11,7 @@ from .losses import Loss
 from .records import AttachmentEntry, Channel, Chunk, Header, MetadataEntry, Schema, Statistics
 
 OWN_LIBRARY = "ml_dash_mcap"
-"""What the header of a file starts with whose chunks hold no two rows of one topic and time stamp."""
+"""The library name in the headers of our files. In one chunk they have no two rows of one topic and time stamp."""
 
 
 class ReindexedError(Exception):
@@ -38,7 +38,7 @@ def replanned(work: Callable[P, T]) -> Callable[P, T]:
 
 @dataclass(frozen=True)  # no slots: what is looked up by topic is kept, for a file may have thousands of channels
 class Glance:
-    """What is known of a file before its chunks are looked up; no checksum has verified it."""
+    """The contents of a file without its chunks, read at a glance. No checksum has verified them."""
 
     header: Header
     schemas: Mapping[int, Schema]
@@ -75,14 +75,14 @@ class FileIndex:
     end: int
     """Where the last whole record of the data section ends, in bytes."""
     losses: tuple[Loss, ...] = ()
-    """What was found broken and is left out, or wrong and is corrected."""
+    """Damage that is left out, and wrong entries that are corrected."""
     statistics: Statistics | None = None
     by_summary: bool = False
     """Whether a summary says all this, rather than the records themselves."""
     doubtful: bool = False
     """Whether the summary says how many messages there are in two ways that differ: only they themselves can tell."""
     size: int = 0
-    """Of a finished file, where its closing magic ends, in bytes; others may have been appended to it."""
+    """The place where a finished file's closing magic ends, in bytes. Other bytes may follow."""
 
     @property
     def is_ours(self) -> bool:
@@ -91,7 +91,7 @@ class FileIndex:
 
     @cached_property
     def glance(self) -> Glance:
-        """What is in it besides the chunks."""
+        """The contents besides the chunks."""
         return Glance(self.header, self.schemas, self.channels, self.metadata, self.attachments, self.statistics)
 
     def channels_of(self, topic: str) -> Mapping[int, Channel]:

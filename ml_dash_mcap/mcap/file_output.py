@@ -50,7 +50,7 @@ class MemoryOutput:
 class FileOutput:
     """A local file. One thread at a time uses it.
 
-    Whatever fails leaves the file as it was before the call: what had reached it of the failed write is cut off.
+    A call that fails leaves the file as it was before: bytes of the failed write are cut off.
     """
 
     def __init__(self, path: Path, flags: int, size: int = 0, mode: int = 0o666) -> None:
@@ -58,7 +58,7 @@ class FileOutput:
 
         Args:
             path: Where it is.
-            flags: What `os.open` is told: whether to create it, and whether it may be there already.
+            flags: Flags for `os.open`: whether to create the file, and whether it may be there already.
             size: How much of it stays, in bytes; writing goes on there.
             mode: The permissions of a new file.
         """
@@ -81,12 +81,12 @@ class FileOutput:
             raise
 
     def overwrite(self, at: int, data: bytes) -> None:
-        """Write over what is there."""
+        """Write over bytes that are there already."""
         os.lseek(self._descriptor, at, os.SEEK_SET)
         _write_all(self._descriptor, [memoryview(data)])
 
     def trim(self) -> None:
-        """Cut off what lies behind `size`, because it could not be cut off when its write failed."""
+        """Cut off the bytes behind `size` of a failed write that could not be cut off at once."""
         os.ftruncate(self._descriptor, self.size)
 
     def cut(self, size: int) -> None:
@@ -96,7 +96,7 @@ class FileOutput:
             os.ftruncate(self._descriptor, size)
 
     def sync(self) -> None:
-        """Wait until what was written would survive a power cut."""
+        """Wait until all written bytes would survive a power cut."""
         # fdatasync leaves out the file's times, which no reader needs; macOS has fsync only.
         getattr(os, "fdatasync", os.fsync)(self._descriptor)
 

@@ -58,7 +58,7 @@ class McapFile(IndexedFile):
             record: Its bytes, if they have been read already.
 
         Raises:
-            DamagedFileError: They are not what they should be, whether the file is to be salvaged or not.
+            DamagedFileError: They are damaged, whether the file is to be salvaged or not.
             ReindexedError: The index was wrong about where chunks lie, and is right now.
         """
         try:
@@ -196,10 +196,10 @@ class McapFile(IndexedFile):
         return bool(self._corrected)
 
     def correct(self, chunk: Chunk, contents: ChunkContents) -> Chunk:
-        """Correct the index by what a chunk's own records say, and note what was wrong.
+        """Correct a chunk's index entry by its own records, and note the faults.
 
         Returns:
-            What is true of it.
+            The corrected entry.
         """
         if self.is_partial(chunk):
             return chunk
@@ -213,7 +213,7 @@ class McapFile(IndexedFile):
         return true
 
     def correct_once(self, chunk: Chunk) -> None:
-        """Do what `correct` does, once, if the chunk can be read."""
+        """Correct a chunk's entry as `correct` does, once for each chunk, if the chunk can be read."""
         if chunk.offset not in self._corrected and chunk.compression != records.LOOSE:
             with suppress(DamagedFileError):
                 self.correct(chunk, self.contents(chunk))

@@ -20,7 +20,7 @@ MOST_CHANNELS = 2**16 - 1
 
 @dataclass(slots=True)
 class WrittenContents:
-    """What a file holds so far: all that its summary will say."""
+    """The contents of a file so far, from which its summary is made."""
 
     schemas: dict[int, bytes] = field(default_factory=dict)
     """Schema records by id, as they stand in the data section."""
@@ -90,7 +90,7 @@ class FileWriter(Generic[Place]):
 
     Attributes:
         output: Where its bytes go.
-        contents: What it holds so far.
+        contents: The contents so far.
     """
 
     def __init__(self, output: Place, contents: WrittenContents | None = None) -> None:
@@ -98,7 +98,7 @@ class FileWriter(Generic[Place]):
 
         Args:
             output: Where its bytes go, behind those that are there.
-            contents: What is there already; None for nothing.
+            contents: The contents that are there already; None for an empty file.
         """
         self.output = output
         self.contents = WrittenContents() if contents is None else contents
@@ -108,8 +108,8 @@ class FileWriter(Generic[Place]):
         """Write the start of the file.
 
         Args:
-            library: What the header names as the writer.
-            profile: What the header says of the messages: "ros1", "ros2" or nothing.
+            library: The writer's name in the header.
+            profile: The profile of the messages in the header: "ros1", "ros2" or nothing.
         """
         self.output.write(records.file_start(library, profile))
 
@@ -137,7 +137,7 @@ class FileWriter(Generic[Place]):
 
         Args:
             number: The channel's id.
-            connection: What it is. Without a type it has no schema.
+            connection: The channel. Without a type it has no schema.
             schema_id: Of its schema, if that was added under an id of its own; None to look for it.
         """
         key = (connection.type, connection.schema_encoding, connection.definition)
@@ -165,7 +165,7 @@ class FileWriter(Generic[Place]):
 
         Args:
             record: Its bytes, some at a time.
-            entry: What the summary of its file says of it.
+            entry: Its entry in the summary of its file.
         """
         at = self.size
         for part in record:

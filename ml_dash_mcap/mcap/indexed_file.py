@@ -36,9 +36,9 @@ class IndexedFile:
 
         Args:
             path: Where it is.
-            limits_: For what is read of it.
+            limits_: Limits for reading it.
             source: Its bytes, which are closed with it; None for those of the local file at `path`.
-            salvages: Whether to leave out what is damaged, and note it in `losses`, rather than to raise. What is no
+            salvages: Whether to leave out damaged parts, and note them in `losses`, rather than to raise. What is no
                 MCAP file is an error all the same.
 
         Raises:
@@ -53,7 +53,7 @@ class IndexedFile:
         self._losses = Losses()
         self._metadata: dict[int, records.Metadata | None] = {}
         self._corrected: set[int] = set()
-        """Where those chunks lie that the index was wrong about."""
+        """The offsets of the chunks about which the index was wrong."""
         self._are_times_true = False
         """Whether the times that the index says of chunks were checked already."""
         self._size = self.source.size()
@@ -73,7 +73,7 @@ class IndexedFile:
 
     @property
     def index(self) -> FileIndex:
-        """What the file holds, and where; of a long file, read when it is first asked for.
+        """The index of the file. The index of a long file is read when it is first asked for.
 
         Raises:
             DamagedFileError: Its summary and its data section are broken.
@@ -91,7 +91,7 @@ class IndexedFile:
 
     @property
     def glance(self) -> Glance:
-        """What is known of it without looking up its chunks."""
+        """The contents of the file without its chunks."""
         return self._glance if self._index is None and self._glance is not None else self.index.glance
 
     @property
@@ -100,7 +100,7 @@ class IndexedFile:
         return self._index is not None
 
     def verify(self) -> bool:
-        """Read the index, whose checksum verifies what is known at a glance; returns whether that was still to be done.
+        """Read the index, whose checksum also verifies the glance; returns whether the index was still to be read.
 
         Raises:
             DamagedFileError: Its summary and its data section are broken.
@@ -109,11 +109,11 @@ class IndexedFile:
 
     @property
     def losses(self) -> list[Loss]:
-        """What was found damaged so far, and left out."""
+        """The damage that was found so far and left out."""
         return [*(self._index.losses if self._index is not None else ()), *self._losses.all()]
 
     def refresh(self, path: Path | None = None) -> bool:
-        """Take in what was written since.
+        """Read the records that were written since the last look.
 
         Args:
             path: The file's new name, if it was renamed.
@@ -161,9 +161,9 @@ class IndexedFile:
         """Note a fault of an index or of the statistics: the data are right, and nothing is lost.
 
         Args:
-            offset: Where it lies, or what it is about.
-            what: Is wrong.
-            key: Tells it from whatever else is wrong at the same place; `what` by default.
+            offset: The place of the fault, or of the record that it is about.
+            what: The fault, in words.
+            key: A key that no other fault at the same place has; `what` by default.
         """
         self._losses.note(self.path, offset, what, key)
 
@@ -175,12 +175,12 @@ class IndexedFile:
         """Note that something could not be read, and go on; or raise, if the file is not to be salvaged.
 
         Args:
-            error: What is wrong.
+            error: The damage.
             messages: How many messages are lost by it; None if that is not known.
-            key: Tells it from whatever else is wrong at the same place.
+            key: A key that no other damage at the same place has.
 
         Raises:
-            DamagedFileError: That one.
+            DamagedFileError: The error itself.
         """
         if not self.salvages:
             raise error
@@ -190,12 +190,12 @@ class IndexedFile:
         """Note that one message could not be decoded, and go on; or raise, if the file is not to be salvaged.
 
         Args:
-            error: What is wrong; its place is the message's chunk.
+            error: The damage; its place is the message's chunk.
             channel_id: Of the message.
             message: Tells it from other messages of the channel in that chunk.
 
         Raises:
-            DamagedFileError: That one.
+            DamagedFileError: The error itself.
         """
         if not self.salvages:
             raise error
@@ -206,7 +206,7 @@ class IndexedFile:
         """Index the file by its records, because its summary points to where nothing is.
 
         Args:
-            error: What was met.
+            error: The fault of the summary that was met.
 
         Returns:
             Whether everything that the summary knows of is there, elsewhere. If not, something is damaged.
@@ -261,7 +261,7 @@ class IndexedFile:
         return metadata
 
     def _forget(self) -> None:
-        """Let go of what was read: the file was rewritten."""
+        """Forget all that was read, because the file was rewritten."""
         self._metadata.clear()
         self._losses.clear()
 

@@ -14,7 +14,7 @@ MIB = 1024 * 1024
 @checks_names(UsageError)
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Bounds that are checked before memory is taken; what lies beyond them is refused as damaged.
+    """Bounds that are checked before memory is taken. Records and chunks beyond them are refused as damaged.
 
     They keep a small file from taking much memory: under 300 MB for whatever unpacks to much more than it is long. A
     file that really holds a chunk of 500 MB takes 500 MB to read; lower `chunk_bytes` where that is too much.
@@ -45,11 +45,11 @@ DEFAULT = Limits()
 
 
 def of_file(limits: Limits, stored_bytes: int) -> Limits:
-    """Return limits with what depends on the file filled in.
+    """Return limits whose `any_ratio_bytes` is filled in for a file.
 
     Args:
         limits: For files.
-        stored_bytes: What the file takes on the disk, which for one with holes is less than it is long.
+        stored_bytes: The bytes that the file takes on the disk: fewer than its length if it has holes.
     """
     if limits.any_ratio_bytes is not None:
         return limits

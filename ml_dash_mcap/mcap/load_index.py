@@ -20,7 +20,7 @@ _HEAD_BYTES = 4096
 _MOST_HEADER_BYTES = 1024 * 1024
 
 _LOOKED_AT_BYTES = 1024 * 1024
-"""So much of what lies behind the end of a file is looked at: it belongs to nothing, or to another file."""
+"""So many bytes behind the end of a file are looked at. They belong to nothing, or to another file."""
 
 
 def glance(source: ByteSource, limits: Limits, *, is_new: bool) -> Glance | None:
@@ -52,10 +52,10 @@ def load(
 
     Args:
         source: The file.
-        limits: For what is read.
+        limits: Limits for reading.
         is_new: Whether it is in progress: it may still be without its magic and header, and ends anywhere.
-        salvages: Whether to step over what is damaged, and count it as lost, rather than to refuse the file.
-        previous: What an earlier call found, to go on from if the file is still not finished.
+        salvages: Whether to step over damage and count it as lost, rather than to refuse the file.
+        previous: The result of an earlier call, to go on from if the file is still not finished.
 
     Raises:
         DamagedFileError: It is no MCAP file, or a finished one that is broken.
@@ -75,12 +75,12 @@ def load(
 
 
 def by_scanning(source: ByteSource, limits: Limits, index: FileIndex) -> FileIndex:
-    """Index a finished file by its records alone, whatever its summary says; what is damaged is stepped over.
+    """Index a finished file by its records alone, whatever its summary says. Damage is stepped over.
 
     Args:
         source: The file.
-        limits: For what is read.
-        index: What its summary says.
+        limits: Limits for reading.
+        index: The index by its summary.
     """
     header_fields = _start(source, index.size, is_new=False)
     footer = summary.read_footer(source, index.size)
@@ -91,7 +91,7 @@ def by_scanning(source: ByteSource, limits: Limits, index: FileIndex) -> FileInd
 
 
 def _header(content: Fields, path: str, salvages: bool) -> tuple[Header, tuple[Loss, ...]]:
-    """Return a file's header and what is lost of it. A damaged one is replaced by an empty one: no reader needs it."""
+    """Return a file's header, and the loss if it is damaged. Then the header is empty, for no reader needs it."""
     try:
         return records.HEADER.read(content), ()
     except DamagedFileError as error:

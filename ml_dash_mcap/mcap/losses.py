@@ -15,13 +15,13 @@ class Loss:
     path: Path
     """The file."""
     offset: int
-    """Where in it the trouble was found, in bytes from its start."""
+    """The place of the damage in the file, in bytes from its start."""
     what: str
-    """What is wrong, in words."""
+    """The damage, in words."""
     messages: int | None
     """How many messages are known to be lost; None where that is not known."""
     corrected: bool = False
-    """Whether nothing is lost: an index or the statistics say what is not so, and the data say what is."""
+    """Whether nothing is lost: an index or the statistics were wrong, and were corrected by the data."""
 
     def __str__(self) -> str:
         """Return the file, the place in it and what is wrong there."""
@@ -37,14 +37,14 @@ class Losses:
         """Guards `_found`."""
         self._found: dict[Hashable, Loss] = {}
         self._members: dict[Hashable, set[int]] = {}
-        """Of the losses that are counted up message by message, what tells the messages apart."""
+        """For losses that are counted message by message, the keys of the messages."""
 
     def add(self, key: Hashable, loss: Loss) -> None:
         """Note a loss once.
 
         Args:
             key: Tells it from the others, however often it is met.
-            loss: What is lost.
+            loss: The loss.
         """
         with self._lock:
             self._found.setdefault(key, loss)
@@ -54,9 +54,9 @@ class Losses:
 
         Args:
             path: The file.
-            offset: Where it lies, or what it is about.
-            what: Is wrong.
-            key: Tells it from whatever else is wrong at the same place; `what` by default.
+            offset: The place of the fault, or of the record that it is about.
+            what: The fault, in words.
+            key: A key that no other fault at the same place has; `what` by default.
         """
         self.add((offset, key or what), Loss(Path(path), offset, what, 0, corrected=True))
 
@@ -66,7 +66,7 @@ class Losses:
         Args:
             key: Tells the loss from others.
             message: Tells the message from others.
-            loss: What is lost; the description of the first message stays.
+            loss: The loss; the description of the first message stays.
         """
         with self._lock:
             members = self._members.setdefault(key, set())
@@ -74,7 +74,7 @@ class Losses:
             self._found[key] = replace(self._found.get(key, loss), messages=len(members))
 
     def all(self) -> list[Loss]:
-        """Return what was noted, by where it lies."""
+        """Return all losses, sorted by their places in the file."""
         with self._lock:
             return sorted(self._found.values(), key=lambda loss: loss.offset)
 

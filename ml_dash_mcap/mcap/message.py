@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 CHUNK_BYTES = 1 << 20
-"""Chunks have about as many bytes, uncompressed: what viewers like."""
+"""Chunks have about as many bytes, uncompressed, which suits viewers."""
 
 Payload = bytes | memoryview
 
@@ -29,7 +29,7 @@ class Connection:
     message_encoding: str = "cdr"
     """"cdr" in ROS 2, "ros1" in ROS 1."""
     metadata: tuple[tuple[str, str], ...] = ()
-    """What else is known of it, by name: `offered_qos_profiles` and `topic_type_hash` in ROS 2, `md5sum`, `callerid`
+    """Further metadata by name: `offered_qos_profiles` and `topic_type_hash` in ROS 2, `md5sum`, `callerid`
     and `latching` in ROS 1. These are the names that rosbag2 and ROS 1 give them."""
 
     @property

@@ -133,7 +133,7 @@ class Fields:
 
 @dataclass(frozen=True, slots=True)
 class FieldKind:
-    """What a field holds: how it is read and written. Numbers have a `struct` format instead."""
+    """How a field is read and written. Numbers have a `struct` format instead."""
 
     read: Callable[[Fields], Any] = Fields.text
     write: Callable[[Any], bytes] = bytes
@@ -171,7 +171,7 @@ class RecordLayout(Generic[Record]):
         """Describe a kind of record.
 
         Args:
-            opcode: What the record starts with.
+            opcode: The first byte of the record.
             record: Makes the value, by the names of the fields.
             fields: The kind of each field, in the order of the bytes.
         """
@@ -192,7 +192,7 @@ class RecordLayout(Generic[Record]):
 
         Args:
             fields: The content.
-            others: What the value has besides what is written.
+            others: Attributes of the value that are not in the record.
 
         Raises:
             DamagedFileError: The content is too short, or contradicts itself.
@@ -239,7 +239,7 @@ class RecordLayout(Generic[Record]):
 
 
 def pack_prefix(opcode: int, length: int) -> bytes:
-    """Return what a record of some content length starts with."""
+    """Return the prefix of a record: its opcode, and the length of its content."""
     return _PREFIX.pack(opcode, length)
 
 

@@ -34,7 +34,7 @@ FOOTER_BYTES = PREFIX_BYTES + 20
 """A footer, with its prefix."""
 
 CRC_BYTES = 4
-"""What follows an attachment's data."""
+"""The size of the checksum behind an attachment's data."""
 
 _USUAL_NAME_BYTES = 32
 
@@ -70,7 +70,7 @@ class Opcode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What kind of file it is, and who wrote it."""
+    """The start of a file: the profile of its messages, and the library that wrote it."""
 
     profile: str
     library: str
@@ -78,7 +78,7 @@ class Header:
 
 @dataclass(frozen=True, slots=True)
 class Schema:
-    """What the messages of a channel look like."""
+    """The type of the messages of a channel."""
 
     id: int
     name: str
@@ -99,7 +99,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Where a chunk lies and what it holds, as a ChunkIndex record states it."""
+    """The place and the contents of a chunk, as a ChunkIndex record states them."""
 
     offset: int
     """Of the record, from the start of the file, in bytes."""
@@ -134,7 +134,7 @@ class Chunk:
 
 @dataclass(frozen=True, slots=True)
 class ChunkHead:
-    """What precedes a chunk's records."""
+    """The fields of a Chunk record before its records."""
 
     start_ns: int
     end_ns: int
@@ -331,6 +331,6 @@ def file_start(library: str, profile: str = "") -> bytes:
 
     Args:
         library: Who writes it.
-        profile: What it says of the messages: "ros1", "ros2" or nothing.
+        profile: The profile of the messages: "ros1", "ros2" or nothing.
     """
     return MAGIC + HEADER.pack(Header(profile, library))

@@ -20,7 +20,7 @@ _SEQUENCE_AT = 11
 
 @dataclass(frozen=True, slots=True)
 class SealedBuffer:
-    """What a sealed buffer holds."""
+    """The records of a sealed buffer."""
 
     data: Bytes
     """Its bytes, writable."""
@@ -33,7 +33,7 @@ class SealedBuffer:
     gaps: Sequence[tuple[int, int]] = ()
     """Start and end of whatever else lies between them."""
     extras: Sequence[tuple[int, int]] = ()
-    """Those of the gaps that are Metadata records."""
+    """The gaps that are Metadata records."""
     uniform: Sequence[tuple[int, int]] = ()
     """Runs of `starts`, by first index and the one after the last, whose rows are known to be of one form."""
 
@@ -138,7 +138,7 @@ def replaced(rows: Rows, keep: npt.NDArray[np.bool_], payloads: dict[int, tuple[
     """Return rows with some left out and some rewritten.
 
     Args:
-        rows: What to start from.
+        rows: The rows of the block.
         keep: Which of them stay, [N].
         payloads: By row number, the new log time (ns) and payload.
     """

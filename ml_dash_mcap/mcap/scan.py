@@ -27,7 +27,7 @@ _DATA_END_BYTES = PREFIX_BYTES + 4
 class FileScan:
     """One scan of a file. One thread uses it, once.
 
-    Chunks are stepped over by their length, and looked into where nothing else says what is in them.
+    Chunks are stepped over by their length, and looked into where nothing else tells their contents.
     """
 
     def __init__(
@@ -44,9 +44,9 @@ class FileScan:
 
         Args:
             source: The file.
-            size: Its size, in bytes; what is appended meanwhile is left for the next scan.
+            size: Its size, in bytes; bytes that are appended meanwhile are left for the next scan.
             header: Its Header record.
-            limits: For what is read.
+            limits: Limits for reading.
             is_new: Whether it is in progress, so that it may end anywhere without a loss.
             salvages: Whether to step over damage and note it, rather than to stop at it.
         """
@@ -65,7 +65,7 @@ class FileScan:
         """Where the file ends, behind its closing magic, once it was scanned; None where it does not."""
 
     def unfinished(self, first: int, previous: FileIndex | None = None) -> FileIndex:
-        """Index what lies whole in an unfinished file: everything up to where it was cut, or to where it grows.
+        """Index the whole records of an unfinished file, up to the place where it was cut, or where it grows.
 
         The checksum of the last chunk is verified, because a file that a crash or a power cut ended may have its
         length and not its bytes.
@@ -93,7 +93,7 @@ class FileScan:
 
         Args:
             first: Where the first record behind the header starts.
-            clues: What the summary says; None where nothing may be lost.
+            clues: The places and statistics of the summary; None if nothing may be lost.
 
         Raises:
             DamagedFileError: The data section itself is damaged, and nothing may be lost.
@@ -149,7 +149,7 @@ class FileScan:
             at = places[after]
 
     def _go(self, at: int) -> str | None:
-        """Take in records; returns what is wrong with the one that it stopped at, if something is."""
+        """Take in records; returns the fault of the record at which it stopped, or None."""
         self._end = at
         while at < self.size:
             is_short = self.size - at < PREFIX_BYTES
@@ -172,7 +172,7 @@ class FileScan:
         return None
 
     def _is_data_end(self, opcode: int, at: int, end: int) -> bool:
-        """Whether what looks like the end of the data section has behind it what lies behind one."""
+        """Whether a record that looks like the end of the data section is followed by bytes that may follow it."""
         if opcode == Opcode.FOOTER:
             is_whole = end - at == records.FOOTER_BYTES and end + len(records.MAGIC) <= self.size
             return is_whole and self._window.bytes(end, len(records.MAGIC)) == records.MAGIC
@@ -228,7 +228,7 @@ class FileScan:
         except chunk_bytes.LimitError:
             if not self.salvages:
                 raise
-            # Whoever reads the chunk says what is lost.
+            # The loss is noted when the chunk is read.
             data = chunk_bytes.read_fitting(self.source, chunk, self.limits).data
         self._scanned.learn(position, chunk_messages.scan(data, chunk, name))
 

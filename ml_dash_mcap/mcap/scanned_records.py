@@ -41,8 +41,8 @@ class FileWindow:
 
         Args:
             source: The file.
-            size: Where it ends, in bytes; what is appended meanwhile is left alone.
-            limits: For what is read at once.
+            size: Where it ends, in bytes; bytes that are appended meanwhile are left alone.
+            limits: Limits for a single read.
         """
         self.source = source
         self.size = size
@@ -106,7 +106,7 @@ class ScannedRecords:
         """How many messages the last chunk has, by channel."""
 
     def resume(self, previous: FileIndex) -> None:
-        """Take over what an earlier scan found."""
+        """Take over the records of an earlier scan."""
         self.schemas.update(previous.schemas)
         self.channels.update(previous.channels)
         self.chunks.extend(previous.chunks)
@@ -123,7 +123,7 @@ class ScannedRecords:
         """Take in a record that lies whole in the file.
 
         Args:
-            opcode: What it is.
+            opcode: The kind of the record.
             at: Where it starts.
             length: Of its content.
 
@@ -165,11 +165,11 @@ class ScannedRecords:
             )
 
     def learn(self, position: int, scan: ChunkScan) -> None:
-        """Take in what the scan of a chunk found.
+        """Take in the contents of a chunk that was scanned.
 
         Args:
             position: Of the chunk among `chunks`.
-            scan: What was found.
+            scan: The contents that the scan found.
         """
         for schema_id, schema in scan.schemas.items():
             self.schemas.setdefault(schema_id, schema)
@@ -189,7 +189,7 @@ class ScannedRecords:
             self.chunks[-1] = _settled(self.chunks[-1])
 
     def drop_last(self) -> None:
-        """Take out the last chunk and what lies behind it."""
+        """Take out the last chunk and everything behind it."""
         end = self.chunks.pop().offset
         self.metadata = [entry for entry in self.metadata if entry.offset < end]
         self.attachments = [entry for entry in self.attachments if entry.offset < end]

@@ -17,7 +17,7 @@ from .records import BLOCK_END, BlockEnd, MetadataEntry
 class Segment(FileWriter[FileOutput]):
     """A file in progress. Used by one thread at a time.
 
-    Whatever fails leaves the file as it was before the call: what had reached it of the failed write is cut off.
+    A call that fails leaves the file as it was before: bytes of the failed write are cut off.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class Segment(FileWriter[FileOutput]):
         Args:
             active_path: The file, with its `ACTIVE_SUFFIX`.
             output: The same, opened.
-            contents: What it holds; None for nothing.
+            contents: Its contents; None for an empty file.
             torn_schemas: Where those Schema records lie that `contents` has other text for, by id.
         """
         super().__init__(output, contents)
@@ -77,7 +77,7 @@ class Segment(FileWriter[FileOutput]):
         Args:
             active_path: The file, with its `ACTIVE_SUFFIX`.
             size: How much of it is sound, in bytes; the rest is cut off.
-            contents: What that holds.
+            contents: The contents of the sound part.
             torn_schemas: Where those Schema records lie that `contents` has other text for, by id.
         """
         return cls(active_path, FileOutput(active_path, os.O_RDWR, size), contents, torn_schemas)
@@ -117,7 +117,7 @@ class Segment(FileWriter[FileOutput]):
         return len(self.contents.schemas.get(number, b""))
 
     def add_block(self, chunks: Sequence[PackedChunk], number: int, name: str = "", metadata: bytes = b"") -> None:
-        """Write a block's chunks with their message indexes, and what says that these are all, in one call.
+        """Write a block's chunks with their message indexes, and the record of the block's end, in one call.
 
         Args:
             chunks: Of the block.

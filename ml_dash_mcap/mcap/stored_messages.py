@@ -18,7 +18,7 @@ from .records import LOOSE, AttachmentEntry, Chunk
 
 _MOST_BYTES = 4 << 20
 _MOST_MESSAGES = 16384
-"""Blocks end at about so much: what lies outside of chunks may be a whole file."""
+"""Blocks end at about so much: the messages outside of chunks may be a whole file."""
 
 _PIECE = 1 << 20
 """Attachments are copied so many bytes at a time."""
@@ -48,7 +48,7 @@ def channels(file: McapFile) -> dict[int, Connection]:
 
 
 def attachments(file: McapFile) -> Iterator[tuple[Iterator[bytes], AttachmentEntry]]:
-    """Yield a file's Attachment records, each in pieces, with what an index says of it."""
+    """Yield a file's Attachment records, each in pieces, with its index entry."""
     for entry in attachment_records.entries(file):
         end = entry.offset + entry.length
         pieces = (file.source.read(at, min(_PIECE, end - at)) for at in range(entry.offset, end, _PIECE))
@@ -58,7 +58,7 @@ def attachments(file: McapFile) -> Iterator[tuple[Iterator[bytes], AttachmentEnt
 def chunks(file: McapFile, wanted: Collection[int], start_ns: int = 0, end_ns: int = LAST_NS) -> Iterator[StoredChunk]:
     """Yield the chunks that hold messages of some channels and of a time range, in the order of the file.
 
-    Their bytes are verified. What is damaged raises, or is noted and left out where the file is to be salvaged.
+    Their bytes are verified. Damage raises, or is noted and left out where the file is to be salvaged.
 
     Args:
         file: Where from.
@@ -87,7 +87,7 @@ def chunks(file: McapFile, wanted: Collection[int], start_ns: int = 0, end_ns: i
 def _chunks(
     file: McapFile, wanted: Collection[int], start_ns: int, end_ns: int, done: Collection[int]
 ) -> Iterator[StoredChunk]:
-    """Do what `chunks` does by the index as it is now, but for the chunks that start at the places in `done`."""
+    """Yield the chunks that `chunks` yields, by the index as it is now, without those whose offsets are in `done`."""
     held = [file.index.chunks[at] for at in chunk_table.holding(file.index.chunks, wanted, start_ns, end_ns).tolist()]
     in_file = sorted((chunk for chunk in held if chunk.offset not in done), key=lambda chunk: chunk.offset)
 

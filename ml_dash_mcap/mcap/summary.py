@@ -81,7 +81,7 @@ def read(source: ByteSource, size: int, header: Header, footer: Footer, limits: 
 def glance(source: ByteSource, size: int, header: Header, footer: Footer, limits: Limits) -> Glance | None:
     """Read a long summary without its chunk indexes, so that opening a file costs the same however long it is.
 
-    What it says is not verified: the checksum is that of the whole summary.
+    The parts that are read are not verified: the checksum is that of the whole summary.
 
     Returns:
         None where the summary is short, or does not say where its groups are: it is to be read as a whole.
@@ -146,12 +146,12 @@ def read_all(source: ByteSource, size: int, footer: Footer, limits: Limits) -> S
 
 @dataclass(frozen=True, slots=True)
 class Clues:
-    """What a summary says that cannot be relied upon."""
+    """The parts of an unreliable summary that help a scan."""
 
     places: list[int]
     """Where records of the data section start, in bytes, sorted."""
     statistics: Statistics | None
-    """What it says of how much of everything there is."""
+    """The statistics in the summary."""
 
     def agree_with(self, index: FileIndex) -> bool:
         """Whether a scan found as many messages of each channel as the statistics say."""
@@ -162,7 +162,7 @@ class Clues:
 
 
 def clues(source: ByteSource, size: int, footer: Footer, limits: Limits) -> Clues:
-    """Return what a summary tells a scan that steps over damage, although it may be wrong."""
+    """Return the places and statistics in a summary that may be wrong. A scan that steps over damage uses them."""
     if not _is_plausible(footer, size, limits):
         return Clues([], None)
     start = footer.summary_start
@@ -194,7 +194,7 @@ Entry = TypeVar("Entry", MetadataEntry, AttachmentEntry)
 
 @dataclass(slots=True)
 class SummaryContents:
-    """What the records of a summary say."""
+    """The contents of the records of a summary."""
 
     path: str
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -208,7 +208,7 @@ class SummaryContents:
     groups: list[tuple[int, int, int]] = field(default_factory=list)
     """Opcode, start and length of each group of records of one kind; only `read_all` fills it."""
     indexes: ChunkIndexes = field(init=False)
-    """Of the chunks; `chunks` is what they say."""
+    """The chunk indexes, from which `chunks` is made."""
 
     def __post_init__(self) -> None:
         self.indexes = ChunkIndexes(self.path)
@@ -274,7 +274,7 @@ class SummaryContents:
         )
 
     def is_sufficient(self, limits: Limits) -> bool:
-        """Whether it says enough to find every message, channel, metadata record and attachment."""
+        """Whether the summary is enough to find every message, channel, metadata record and attachment."""
         statistics = self.statistics
         room = chunk_table.unpacked_bytes(self.chunks, limits.chunk_bytes)
         if (
@@ -309,7 +309,7 @@ def positive(counts: Mapping[int, int]) -> dict[int, int]:
 
 
 def _agree(statistics: Statistics, chunks: Sequence[Chunk]) -> bool:
-    """Whether statistics say of messages and times what the chunk indexes do."""
+    """Whether statistics and chunk indexes agree on the numbers of messages and on their times."""
     counted = chunk_table.counts(chunks)
     if counted is not None and counted != positive(statistics.channel_message_counts):
         return False

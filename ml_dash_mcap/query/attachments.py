@@ -18,7 +18,7 @@ class Attachment:
 
     name: str
     media_type: str
-    """Such as "application/json"; what its writer said."""
+    """The type that its writer gave, such as "application/json"."""
     log_time: float
     """When it was put there, in s."""
     size: int

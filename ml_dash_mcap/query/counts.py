@@ -21,7 +21,7 @@ from .time_order import TOLERANCE_NS
 from .topic_messages import MessageOrigin
 
 _DISTINCT_FROM_NS = 2**23 * clock.NS_PER_S
-"""From here on (97 days) doubles are more than a nanosecond apart: what shares a nanosecond shares the double."""
+"""From here on (97 days) doubles are more than a nanosecond apart: rows that share a nanosecond share the double."""
 
 
 @replanned
@@ -106,7 +106,7 @@ def payload_bytes(topic: StoredTopic) -> int:
             if id_ in offsets_by_channel:
                 places = np.searchsorted(starts, offsets_by_channel[id_])
                 total += int((ends[places] - starts[places]).sum()) - len(places) * MESSAGE_HEAD_BYTES
-    return max(total, 0)  # whatever the indexes say
+    return max(total, 0)  # the indexes may be wrong
 
 
 def time_range(topic: StoredTopic) -> tuple[float | None, float | None]:
@@ -151,5 +151,5 @@ def _rows_at(topic: StoredTopic, time_ns: int) -> list[Row]:
             batch = topic_messages.read_few(topic, start_ns, end_ns)
             rows = () if batch is None else topic_rows.of_batch(batch, {})
         return [row for row in rows if row is not None and low <= row[TIME_KEY] <= high]
-    except (EncodingError, DamagedFileError):  # whoever reads the rows is told
+    except (EncodingError, DamagedFileError):  # reading the rows raises this again
         return []

@@ -49,7 +49,7 @@ class _ParsedCut:
 def read(topic: StoredTopic, low: float = -math.inf, high: float = math.inf) -> Iterator[Block | list[Row]]:
     """Read a topic's rows with time stamps in [low, high].
 
-    They are what `rows.read` yields, in its order. Memory holds a few chunks, not the topic.
+    They are the rows of `topic_rows.read`, in its order. Memory holds a few chunks, not the topic.
 
     Args:
         topic: Which one.
@@ -75,7 +75,7 @@ def size(part: Block | list[Row]) -> int:
 
 
 class _Reading:
-    """What all chunks of one call have in common. Threads parse; the caller's combines."""
+    """The decoders and readers that all chunks of one call share. Many threads parse, the caller's thread combines."""
 
     def __init__(self) -> None:
         self._decoders: dict[tuple[str, int], Decoder] = {}
@@ -95,7 +95,7 @@ class _Reading:
         return Block(len(payloads), {name: Column(array) for name, array in arrays.items()})
 
     def _reader_of(self, cut: Cut) -> ColumnReader | None:
-        """Return what makes columns of a channel's messages; None if all go through Python objects."""
+        """Return a reader that makes columns of a channel's messages; None if all have to become Python objects."""
         key = rows.key_of(cut.origin)
         if key not in self._readers:
             codec = codec_of(cut.origin.channel)

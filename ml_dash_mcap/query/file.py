@@ -34,9 +34,9 @@ class File(McapFile):
 
         Args:
             path: Where it is.
-            limits_: For what is read of it.
+            limits_: Limits for reading it.
             source: Its bytes, which are closed with it; None for those of the local file at `path`.
-            salvages: Whether to leave out what is damaged, and note it in `losses`, rather than to raise.
+            salvages: Whether to leave out damaged parts, and note them in `losses`, rather than to raise.
             decoding_: How its messages become rows.
 
         Raises:

@@ -23,10 +23,10 @@ class Lookup(Mapping[str, Value]):
         """Make a mapping.
 
         Args:
-            what: What a name stands for, for the error messages.
+            what: The kind of thing that has a name, for the error messages, such as "topic".
             names: Its keys, in the order in which they are iterated.
             make: Returns the value of a name.
-            where: What was looked through, for the error messages, such as the recording's path.
+            where: The place that was searched, for the error messages, such as the recording's path.
         """
         self._what = what
         self._names = dict.fromkeys(names)

@@ -35,7 +35,7 @@ class Segments:
         Args:
             places: Where the files lie.
             limits: How much memory reading a file may take.
-            salvages: Whether to leave out what is damaged, and note it, rather than to raise. A file that is no MCAP
+            salvages: Whether to leave out damaged parts, and note them, rather than to raise. A file that is no MCAP
                 file is left out too, unless it is the only one.
             decoding: How messages become rows.
 

@@ -86,7 +86,7 @@ class LocalPlaces:
 
 
 class StoredPlaces:
-    """Folders and objects of a store. They are only read: what a dead recorder left is not made whole there."""
+    """Folders and objects of a store. They are only read: the leftovers of dead recorders are not recovered there."""
 
     is_one_file = False
 

@@ -64,5 +64,5 @@ def last_at(topic: StoredTopic, time: float) -> Row | None:
         rows = list(topic_rows.read(topic, clock.to_seconds(max(latest - TOLERANCE_NS, 0)), time))
         if rows:
             return rows[-1]
-        end_ns = latest - 1  # its double lies behind, although its nanosecond does not
+        end_ns = latest - 1  # its double lies after `time`, although its nanosecond does not
     return None

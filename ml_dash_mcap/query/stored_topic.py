@@ -42,7 +42,7 @@ class StoredTopic:
         """Look nothing up yet.
 
         Args:
-            files: Of the recording, in the order of writing; or what returns those that there are now.
+            files: The recording's files in the order of writing, or a function that returns them.
             name: Of the topic.
         """
         self.name = name
@@ -70,7 +70,7 @@ class StoredTopic:
 
     @property
     def kind(self) -> str | None:
-        """What kind of topic it is; None where no channel says so."""
+        """The kind of the topic; None if no channel names it."""
         kinds = (channel.metadata.get(KIND_KEY) for _, channel in self.channels)
         return next((kind for kind in kinds if kind is not None), None)
 

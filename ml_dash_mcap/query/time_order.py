@@ -49,7 +49,7 @@ def in_time(chunks: Iterable[tuple[int, Sequence[P]]]) -> Iterator[list[P]]:
         if ready:
             yield ready
         for part in parts:
-            if len(part.times_ns):  # of some, all messages were lost
+            if len(part.times_ns):  # all messages of a part may be lost
                 number += 1
                 _wait(pending, number, part)
     if pending:
@@ -73,7 +73,7 @@ def _wait(pending: _Pending[P], number: int, part: P) -> None:
 
 
 def _before(pending: _Pending[P], watermark_ns: int) -> list[P]:
-    """Take out what lies before the watermark; what does not has to wait for later chunks."""
+    """Take out all messages before the watermark. The others wait for later chunks."""
     ready: list[P] = []
     waiting: list[tuple[int, P]] = []
     while pending and pending[0][0] < watermark_ns:

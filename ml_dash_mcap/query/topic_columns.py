@@ -56,7 +56,7 @@ class _CopiedMessages:
 
 
 class _Some(NamedTuple):
-    """What is parsed together."""
+    """Messages that are parsed together."""
 
     pieces: list[_CopiedMessages]
     size: int
@@ -82,15 +82,15 @@ def read(
 ) -> Iterator[Block]:
     """Read a topic's rows with time stamps in [low, high] as columns.
 
-    They are what `rows.read` yields, in the types that `rows.table.from_rows` gives them. Memory holds a few chunks,
-    not the topic.
+    They are the rows of `topic_rows.read`, in the types that `rows.table.from_rows` gives them. Memory holds a few
+    chunks, not the topic.
 
     Args:
         topic: Which one.
         low: First time stamp, in s.
         high: Last time stamp, included, in s.
         columns: Dotted names; None for all.
-        time_name: What the column of time stamps is called.
+        time_name: The name of the column of time stamps.
 
     Yields:
         Some rows each, one or more, each block later than the one before. Its columns are those that it has values of.
@@ -135,7 +135,7 @@ def _size(piece: _CopiedMessages) -> int:
 
 
 class _BlockReading:
-    """What all blocks of one call have in common; several threads make them."""
+    """The options, decoders and readers that all blocks of one call share. Several threads make blocks."""
 
     def __init__(self, columns: Sequence[str] | None, time_name: str, low: float, high: float) -> None:
         self._columns = columns
@@ -163,7 +163,7 @@ class _BlockReading:
         return [self._named(pieces, columns.arrays) or self._decoded(pieces)]
 
     def _reader_of(self, key: tuple[str, int], origin: MessageOrigin) -> ColumnReader | None:
-        """Return what makes columns of a channel's messages; None if all go through Python objects."""
+        """Return a reader that makes columns of a channel's messages; None if all have to become Python objects."""
         if key not in self._readers:
             codec = codec_of(origin.channel)
             decoder = partial(topic_rows.decoder_of, origin, self._decoders)
@@ -199,7 +199,7 @@ class _BlockReading:
         kept: list[_CopiedMessages] = []
         for piece in pieces:
             decoded = list(topic_rows.decode(piece.origin, piece.payloads, piece.times_ns, self._decoders))
-            present = np.flatnonzero([row is not None for row in decoded])  # others are lost
+            present = np.flatnonzero([row is not None for row in decoded])  # the others are lost
             kept.append(piece if len(present) == len(decoded) else piece.pick(present))
             rows += [row for row in decoded if row is not None]
         return _Parsed(kept, np.array([row[TIME_KEY] for row in rows], np.float64), self._of_rows(rows))
@@ -235,7 +235,7 @@ class _BlockReading:
         return block.take(np.lexsort((written, times)))
 
     def _merged(self, parts: list[_Parsed], again: npt.NDArray[np.bool_]) -> tuple[list[Row], list[int]]:
-        """Merge the rows whose time stamps others have, from what was written: there, None is not the same as absent.
+        """Merge rows that share time stamps. They are decoded again, because columns do not tell None from absent.
 
         Returns:
             The merged rows, and for each the number of the first one in the order of writing.

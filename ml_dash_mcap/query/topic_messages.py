@@ -116,7 +116,7 @@ def read_only(topic: StoredTopic, start_ns: int, end_ns: int) -> tuple[MessageOr
 
 @replanned
 def read_few(topic: StoredTopic, start_ns: int, end_ns: int) -> MessageBatch | None:
-    """Return at once what `read` yields, for a time range of a few messages; None if there are none.
+    """Return all messages of a time range of a few messages at once; None if there are none.
 
     Nothing is read ahead, and a chunk that is still unpacked is not read again.
     """
@@ -141,10 +141,10 @@ def cut(
         topic: Which one.
         start_ns: First log time, in ns.
         end_ns: Last log time, included, in ns.
-        work: What to make of the messages of a channel and chunk; called on several threads.
+        work: Called with the messages of each channel and chunk, on several threads.
 
     Yields:
-        The chunk's first log time, and what `work` made.
+        The chunk's first log time, and the results of `work`.
     """
     if start_ns <= 0 and end_ns >= LAST_NS:
         for file in topic.files:
@@ -167,7 +167,7 @@ def _cut(
     work: Callable[[Cut], Work],
     done: Collection[tuple[int, int]],
 ) -> Iterator[tuple[tuple[int, int], tuple[int, list[Work]]]]:
-    """Do what `cut` does by the indexes as they are now.
+    """Cut a topic's messages as `cut` does, by the indexes as they are now.
 
     The other arguments are those of `cut`.
 
@@ -175,7 +175,7 @@ def _cut(
         done: The chunks to leave out, each as its file's number and where it lies in it.
 
     Yields:
-        Which chunk, and what `cut` yields for it.
+        A key of the chunk, and the pair that `cut` yields for it.
     """
     files = topic.files
     channels = [list(file.index.channels_of(topic.name).values()) for file in files]

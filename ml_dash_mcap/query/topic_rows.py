@@ -34,7 +34,7 @@ def check_range(start: Any, end: Any, names: tuple[str, str] = ("start", "end"))
     Args:
         start: First time stamp.
         end: Last time stamp.
-        names: What the caller calls them.
+        names: The names that the caller gives them.
 
     Raises:
         RangeError: An end is not a number, or the end lies before the start.
@@ -202,7 +202,7 @@ def _one_by_one(
 
 
 def decoder_of(origin: MessageOrigin, decoders: dict[tuple[str, int], Decoder]) -> Decoder:
-    """Return what decodes a channel's messages; it is made once, and remembered in `decoders`."""
+    """Return the decoder of a channel's messages. It is made once, and kept in `decoders`."""
     key = key_of(origin)
     if key not in decoders:
         file, channel = origin.file, origin.channel
@@ -227,7 +227,7 @@ def _lose(origin: MessageOrigin, payload: bytes, time_ns: int, error: Exception)
 
 
 def key_of(origin: MessageOrigin) -> tuple[str, int]:
-    """Return what tells a channel from all others of a recording."""
+    """Return a key that no other channel of the recording has."""
     return origin.file.source.name, origin.channel.id
 
 

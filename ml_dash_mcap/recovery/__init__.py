@@ -32,19 +32,19 @@ _log = logging.getLogger("ml_dash_mcap")
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """What a recovery did."""
+    """The result of a recovery."""
 
     finished: list[Path] = field(default_factory=list)
     """Segments that had lost their end, and the segment that was made of the journal."""
     rows: int = 0
     """Rows that were in the journal only."""
     lost_bytes: int = 0
-    """What the machine's crash left of chunks that are in no journal either: their rows are lost."""
+    """Bytes of torn chunks whose rows are in no journal either, after a crash of the machine: these rows are lost."""
     left: list[Path] = field(default_factory=list)
     """Session files of dead recorders whose leftovers could not be recovered here; the log tells why."""
 
     def __add__(self, other: Recovered) -> Recovered:
-        """Return what both recoveries did."""
+        """Return the results of both recoveries together."""
         return Recovered(
             [*self.finished, *other.finished],
             self.rows + other.rows,
@@ -54,7 +54,7 @@ class Recovered:
 
 
 def recover(path: str | Path) -> Recovered:
-    """Recover what dead recorders left in a run's folder, and in those below; leave alone what living recorders write.
+    """Recover the leftovers of dead recorders in a run's folder and the folders below. Living recorders are left alone.
 
     `Recorder` and `Recording` do this to their own folder when they open it. Nothing is lost if it is interrupted.
 
@@ -75,7 +75,7 @@ def recover(path: str | Path) -> Recovered:
 
 
 def recover_folder(folder: Path) -> Recovered:
-    """Recover what dead recorders left in one run's folder, not in those below; see `recover`."""
+    """Recover the leftovers of dead recorders in one run's folder, without the folders below it; see `recover`."""
     done = Recovered()
     for session_file in sorted(folder.glob(SESSION_GLOB)):
         if session_file.is_symlink() or not session_file.is_file():
@@ -118,7 +118,7 @@ def _recover_session(folder: Path, lock: SessionLock) -> Recovered:
 
 
 def _recover_rows(folder: Path, record: SessionRecord, leftovers: list[Leftover]) -> Recovered:
-    """Finish the segments of a session, and write those of its buffers that are not in them into one more."""
+    """Finish the segments of a session, and write the buffers that are in none of them into a further segment."""
     about = dict(record.about)
     unfinished = list(unfinished_segments.unfinished(folder, record.session, about.pop(STAMP, "")))
     torn_bytes = sum(map(unfinished_segments.torn_chunk_bytes, unfinished))

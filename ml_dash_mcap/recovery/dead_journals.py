@@ -23,7 +23,7 @@ class Leftover:
     begin: int
     """Where in it the first record starts."""
     end: int
-    """Where the last sound one ends."""
+    """The place where the last sound record ends."""
     session: str | None = None
     block: int = -1
     """Its number among the session's blocks with rows."""
@@ -68,7 +68,7 @@ def read_all(paths: list[Path], session: str) -> list[Leftover]:
 
 
 def _read(path: Path, session: str) -> Leftover | None:
-    """Walk a buffer's records up to the first byte that begins none; None where nothing was recorded in it."""
+    """Read a buffer's records up to the first byte that begins none; None if nothing was recorded in it."""
     data = path.read_bytes()
     if not data.startswith(MAGIC):
         return None
@@ -89,7 +89,7 @@ def _read(path: Path, session: str) -> Leftover | None:
 
 
 def _channel_info(channel: Channel, schemas: dict[int, Schema]) -> ChannelInfo:
-    """Return a topic as its recorder had it; with no codec where that encoding is not known or installed here."""
+    """Return a topic as its recorder had it, without a codec if its encoding is not known or not installed here."""
     metadata = dict(channel.metadata)
     kind = metadata.pop(KIND_KEY, TRACK)
     schema = schemas[channel.schema_id]

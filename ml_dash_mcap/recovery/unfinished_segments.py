@@ -54,7 +54,7 @@ def finish(path: Path, journaled: Collection[int]) -> Path:
 
     Args:
         path: The segment.
-        journaled: Numbers of the blocks that can be written again: what a crash left of their chunks is cut off.
+        journaled: Numbers of the blocks that can be written again: the remains of their chunks are cut off.
     """
     file = McapFile(path)
     try:
@@ -129,7 +129,7 @@ def _bare(record: bytes) -> bytes:
 
 
 def _contents(index: FileIndex, chunks: Iterable[Chunk]) -> WrittenContents:
-    """Return what the summary of an unfinished file will list; its last chunk may lack its message index."""
+    """Return the contents that the summary will list. The last chunk may lack its message indexes."""
     contents = WrittenContents(
         {schema.id: SCHEMA.pack(schema) for schema in index.schemas.values()},
         {channel.id: CHANNEL.pack(channel) for channel in index.channels.values()},

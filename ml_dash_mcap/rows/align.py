@@ -62,8 +62,8 @@ def align(
 ) -> pa.Table:
     """Return one table: the times as `_ts`, and a column `topic.field` for each field of each table.
 
-    A table's rows are the samples; of several rows of one time the last one counts. What a row lacks is missing there:
-    no method looks past it.
+    A table's rows are the samples; of several rows of one time the last one counts. A field that the row
+    lacks is missing there: no method looks past it.
 
     - previous: the last row at or before a time, not older than the tolerance;
     - nearest: the nearest row, the earlier one of two, not farther than the tolerance;

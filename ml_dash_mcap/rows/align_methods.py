@@ -49,7 +49,7 @@ class Methods:
 
     @property
     def has_names(self) -> bool:
-        """Whether it speaks of single topics or columns."""
+        """Whether it names single topics or columns."""
         return bool(set(self._method_by_name) - {ALL_OTHERS})
 
     def of(self, topic: str, field: str) -> Choice:
@@ -80,6 +80,6 @@ class Methods:
 
 
 def _above(topic: str, field: str) -> list[str]:
-    """Return the names of what a field lies in, the nearest first: dicts of fields, then the topic."""
+    """Return the names of the containers of a field, the nearest first: dicts of fields, then the topic."""
     parts = field.split(".")
     return [*(f"{topic}.{'.'.join(parts[:depth])}" for depth in range(len(parts) - 1, 0, -1)), topic]

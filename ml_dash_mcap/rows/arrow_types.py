@@ -32,7 +32,7 @@ _SIMPLE_TYPES = {shape.BOOLEAN: pa.bool_(), shape.TEXT: pa.string(), shape.BYTES
 _SIMPLE_SHAPES = {pa.bool_(): scalar(shape.BOOLEAN), pa.binary(): scalar(shape.BYTES)}
 
 _MOST_LEVELS = 40
-"""Of the 100 that pyarrow reads from a Parquet file; some are left for the dicts that a column lies in."""
+"""pyarrow reads 100 levels from a Parquet file. The others are left for the dicts in which a column lies."""
 
 
 # -- shapes of arrays --------------------------------------------------------------------------------------------------
@@ -162,7 +162,7 @@ def stored_type(values: Shape) -> pa.DataType:
 
 
 def vector_lengths(values: Shape) -> tuple[int, ...]:
-    """Return the lengths that all values have: () for what is no vector or matrix of numbers, (7,), (4, 4)."""
+    """Return the lengths that all values have, as (7,) or (4, 4); () if they are no vectors or matrices of numbers."""
     lengths: list[int] = []
     level = values
     while level.value_kinds == shape.LIST and level.items is not None:

@@ -10,18 +10,18 @@ from .plain_row import TIME_KEY
 Row = dict[str, Any]
 
 FIELD_PREFIX = "fields."
-"""What a field is prefixed with whose name the row's own time already has."""
+"""The prefix of a field whose name is that of the time column."""
 
 
 def flatten(row: Mapping[str, Any], time_name: str) -> Row:
-    """Return a row with dotted names for what lies in nested dicts, and its time first.
+    """Return a row with dotted names for the fields of nested dicts, and its time first.
 
     A field that has the name of the time column comes back under `fields.<name>`; a nested field whose dotted name
     is also the literal name of another one, under that name with `#2` behind it. An empty dict stays what it is.
 
     Args:
         row: Fields as they were given, and `_ts`.
-        time_name: What to call the time stamp, such as "timestamp".
+        time_name: The name of the time stamp, such as "timestamp".
     """
     # Most rows have no dict in them, and are copied without a look at each field.
     if time_name == TIME_KEY and dict not in map(type, row.values()):

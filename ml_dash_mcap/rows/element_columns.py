@@ -64,7 +64,7 @@ def columns(column: Column, lengths: Lengths) -> Iterator[pa.Array]:
 
 
 def of_table(table: pa.Table) -> pa.Table:
-    """Return a table whose lists are a column an element, so that nothing in it is nested but what has to be.
+    """Return a table whose lists are a column an element, so that as little as possible in it is nested.
 
     Lists of various lengths have columns for the longest one, null where one is shorter.
     """

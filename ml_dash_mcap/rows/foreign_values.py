@@ -1,6 +1,6 @@
 """Converts objects of Python and of other libraries into values that JSON has, or into numpy arrays.
 
-No library is imported for that: whoever has one of its objects has it.
+No library is imported for that: if there is one of its objects, the library is loaded already.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def simple(value: Any) -> Any:
-    """Return what an object stands for, one level of it: None, a number, text, bytes, a list or a dict.
+    """Return the plain value of an object, one level deep: None, a number, text, bytes, a list or a dict.
 
     Raises:
         TypeError: There is nothing in JSON that it stands for.
@@ -115,7 +115,7 @@ def is_bytes(view: memoryview) -> bool:
 
 
 def listed(array: npt.NDArray[Any]) -> Any:
-    """Return an array as lists; its times as text, its records as dicts, what is masked as None."""
+    """Return an array as lists: its times as text, its records as dicts, masked elements as None."""
     kind = array.dtype.kind
     if kind in "mM":
         return _times(array)
@@ -125,7 +125,7 @@ def listed(array: npt.NDArray[Any]) -> Any:
 
 
 def _times(array: npt.NDArray[Any]) -> Any:
-    """Return numpy's times as ISO 8601 has them, spans as text with their unit, and None for what is none."""
+    """Return numpy's times in ISO 8601, spans as text with their unit, and None for NaT and masked elements."""
     import numpy as np
 
     values = np.ma.getdata(array)
@@ -180,7 +180,7 @@ def _float_text(key: float) -> str:
 
 
 def advice(value: Any) -> str:
-    """Return what to pass in place of something that cannot be stored."""
+    """Return advice: what to pass instead of an object that cannot be stored."""
     name = type(value).__name__
     for names, instead in _INSTEAD.items():
         if name in names:
@@ -202,10 +202,10 @@ _INSTEAD = {
 
 
 def checked(value: Any, simpler: Any) -> Any:
-    """Return what an object stands for.
+    """Return the plain value of an object, checked.
 
     Raises:
-        TypeError: That is an object of its own kind again.
+        TypeError: The plain value is of the object's own type again.
     """
     if type(simpler) is type(value):
         raise TypeError(f"Type is not JSON serializable: {type(value).__name__}")

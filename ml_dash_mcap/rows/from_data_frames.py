@@ -1,6 +1,6 @@
 """Converts columns of pandas, polars and pyarrow into numpy arrays and lists, with None for what is missing.
 
-None of these libraries is imported: whoever has one of their columns has.
+None of these libraries is imported: if there is one of their columns, its library is loaded already.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def is_missing(value: Any) -> bool:
 
 
 def plain_value(value: Any) -> Any:
-    """Return what a value of these libraries stands for; pandas' times and spans are text as ISO 8601 has them.
+    """Return the plain value of a value of these libraries; pandas' times and spans are text in ISO 8601.
 
     Raises:
         TypeError: It is neither a column nor a single value.

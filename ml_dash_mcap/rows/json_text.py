@@ -1,7 +1,7 @@
 """Encodes rows as JSON and decodes them, without losing a bit.
 
 JSON has no NaN, no infinities, no bytes and no arrays. They are written as `null` and as base64 text, and a side key
-of the row says where and what they were:
+of the row tells their places and what they were:
 
     {"q": [1.0, null], "img": "AAE=", "_exact": {"NaN": {"/q": [1]}, "bytes": {"": ["img"]}}, "_ts": 1.5}
 
@@ -48,7 +48,7 @@ def plain(value: Any) -> Any:
 
 
 def row_value(value: Any) -> Any:
-    """Do the same for a value in a row, of which large arrays are packed.
+    """Convert a value as `plain` does, but pack large arrays. For values of rows.
 
     Raises:
         TypeError: There is no JSON for it, or only with the side key (`exact` then says which field it was).
@@ -121,12 +121,12 @@ def exact(fields: Mapping[str, Any], topic: str, *, packs: bool = True) -> bytes
     row = _JsonRow(topic, packs).row(fields)
     try:
         return orjson.dumps(row)
-    except (TypeError, ValueError) as error:  # what is left: text with lone surrogates
+    except (TypeError, ValueError) as error:  # only text with lone surrogates can still be refused
         raise FieldError(f"append() on topic {topic!r}: {_name_culprit(row)}{error}") from error
 
 
 def exact_as_read(fields: Mapping[str, Any]) -> bytes:
-    """Encode a row that was read, which may hold what `exact` refuses: text with lone surrogates."""
+    """Encode a row that was read. It may hold text with lone surrogates, which `exact` refuses."""
     return dumps_any(_JsonRow("", packs=True, is_plain=True).row(fields))
 
 
@@ -147,7 +147,7 @@ def loads_any(text: str | bytes) -> Any:
 
 
 class _JsonRow(PlainRow):
-    """A row as JSON has it, and the notes of what JSON cannot say."""
+    """Makes a row of JSON values, with notes of the values that JSON does not have."""
 
     def __init__(self, topic: str, packs: bool, *, is_plain: bool = False) -> None:
         """Begin a row.
@@ -155,14 +155,14 @@ class _JsonRow(PlainRow):
         Args:
             topic: For the error messages.
             packs: Whether large arrays are packed; otherwise they are lists.
-            is_plain: Whether the row becomes what any encoder knows, and not only orjson.
+            is_plain: Whether the row holds only values that any encoder knows, not only orjson.
         """
         super().__init__(topic, packs)
         self._notes: dict[str, dict[str, list[str | int]]] = {}
         self._is_plain = is_plain
 
     def nonfinite(self, value: float, parent: str, key: str | int) -> None:
-        """Note what the number is; it becomes a null."""
+        """Note the number; it becomes a null."""
         self._note("NaN" if value != value else "Infinity" if value > 0 else "-Infinity", parent, key)
 
     def bytes_(self, value: bytes, parent: str, key: str | int) -> Any:
@@ -197,7 +197,7 @@ def restore(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def restore_kinds(row: dict[str, Any]) -> dict[str, Any]:
-    """Do the same where only the kinds of the values matter: bytes become empty, and arrays their spelling."""
+    """Restore a row of which only the kinds of values matter: bytes become empty, arrays become their spelling."""
     return _restore(row, lambda spelling, _: b"" if spelling == "bytes" else packed_arrays.spelling_of(spelling))
 
 

@@ -52,7 +52,7 @@ def _array(array: pa.Array) -> npt.NDArray[Any]:
 
 
 def is_large(column: pa.ChunkedArray | pa.Array) -> bool:
-    """Whether the values of a column are what large arrays become: lists of many numbers each."""
+    """Whether the values of a column come from large arrays: lists of many numbers each."""
     elements = leaves(whole(column))
     if elements.type == column.type or not (is_number(elements.type) or pa.types.is_boolean(elements.type)):
         return False
@@ -67,7 +67,7 @@ def cells(column: pa.ChunkedArray | pa.Array) -> list[Any]:
 
 
 def objects(array: pa.Array) -> npt.NDArray[Any]:
-    """Return values as Python has them, [N], None for what is missing."""
+    """Return values as Python objects, [N], with None for missing ones."""
     return _of_objects(array.to_pylist())
 
 
@@ -109,7 +109,7 @@ def _numbers(leaf: pa.Array) -> npt.NDArray[Any] | None:
 
 
 def _nothing(type_: pa.DataType) -> int:
-    """Return what lies under a mask: a number that shows, should somebody take the mask away."""
+    """Return the number to put under a mask: an extreme one, which is noticed if the mask is removed."""
     if pa.types.is_boolean(type_):
         return False
     limits = np.iinfo(type_.to_pandas_dtype())

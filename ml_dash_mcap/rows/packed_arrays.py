@@ -112,7 +112,7 @@ class Spelling(str):
 
 
 def spelling_of(spelled: str) -> Spelling | None:
-    """Return what a side key says if it is the spelling of an array."""
+    """Return a spelling of a side key as a `Spelling` if it is that of an array; else None."""
     return Spelling(spelled) if _SPELLING.fullmatch(spelled) else None
 
 

@@ -25,7 +25,7 @@ _FRACTIONS = {float}
 
 
 class PlainRow:
-    """Turns the values of one row into plain ones; an encoding says what becomes of those that it has no words for."""
+    """Turns the values of one row into plain ones; an encoding overrides how values become that it cannot hold."""
 
     def __init__(self, topic: str, packs: bool = True) -> None:
         """Begin a row.
@@ -41,7 +41,7 @@ class PlainRow:
     # -- what an encoding says -----------------------------------------------------------------------------------------
 
     def nonfinite(self, value: float, parent: str, key: str | int) -> Any:
-        """Return what stands for NaN or an infinity.
+        """Return the replacement of NaN or an infinity.
 
         Args:
             value: The number.
@@ -51,15 +51,15 @@ class PlainRow:
         return value
 
     def bytes_(self, value: bytes, parent: str, key: str | int) -> Any:
-        """Return what stands for bytes; the arguments are those of `nonfinite`."""
+        """Return the replacement of bytes; the arguments are those of `nonfinite`."""
         return value
 
     def array(self, value: Any, parent: str, key: str | int) -> Any:
-        """Return what stands for a large array of numpy; the arguments are those of `nonfinite`."""
+        """Return the replacement of a large numpy array; the arguments are those of `nonfinite`."""
         return value
 
     def side_key(self) -> Any:
-        """Return what goes into the row under `EXACT_KEY`; nothing if that is empty."""
+        """Return the value of the row's side key `EXACT_KEY`; if it is empty, the row has no side key."""
         return None
 
     # -- the row -------------------------------------------------------------------------------------------------------
@@ -164,7 +164,7 @@ class PlainRow:
         try:
             array = foreign_values.large_array_of(value) if self._packs else None
             simpler = foreign_values.simple(value) if array is None else None
-        except Exception as error:  # what a foreign object's own methods raise
+        except Exception as error:  # methods of foreign objects may raise anything
             kind = f"{type(value).__module__}.{type(value).__qualname__}"
             raise FieldError(
                 f"{self._where()} holds a {kind}, which cannot be stored; {foreign_values.advice(value)}"

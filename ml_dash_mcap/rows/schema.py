@@ -30,7 +30,7 @@ _TYPES = {
     shape.DICT: "object",
     shape.LIST: "array",
 }
-"""What JSON Schema calls kinds of values."""
+"""The names of kinds of values in JSON Schema."""
 
 _KINDS = {name: kinds for kinds, name in _TYPES.items() if kinds != shape.INTEGER | shape.FLOAT64}
 
@@ -40,7 +40,7 @@ _OPAQUE = scalar(shape.OPAQUE)
 
 
 class TopicShape:
-    """The shape of a topic's rows, widened row by row, with bounds for what a schema has room for."""
+    """The shape of a topic's rows, widened row by row, bounded by the room that a schema has."""
 
     def __init__(self) -> None:
         self.shape = NOTHING
@@ -90,7 +90,7 @@ def _of_field(values: Shape, budget: list[int]) -> dict[str, Any] | None:
 
 
 def words_of(values: Shape) -> dict[str, Any]:
-    """Return what a schema tells of values, but for what they contain; nothing where the subset has no words for it."""
+    """Return the schema's keywords for values, without those for their contents; empty if the subset has none."""
     kinds = values.value_kinds
     if kinds == shape.ARRAY:
         return {**_BASE64, "description": _description(values.array)}
@@ -121,9 +121,9 @@ def _description(array: ArrayType | None) -> str:
 
 
 def of_json(schema: Mapping[str, Any]) -> Shape:
-    """Return the least shape whose values a JSON Schema, of whoever wrote it, describes.
+    """Return the least shape of the values that a JSON Schema describes, whoever wrote it.
 
-    Of what it describes in other words than `to_json`, nothing is known.
+    Parts that it describes in other words than `to_json` are opaque.
     """
     type_ = schema.get("type")
     if type_ == "array":

@@ -38,7 +38,7 @@ _PROPERTIES = NEGATIVE | INEXACT | UNSIGNED | HUGE | HAS_NUL | HAS_SURROGATE | E
 
 ANY_INTEGER = INTEGER | NEGATIVE | INEXACT | UNSIGNED | HUGE
 ANY_TEXT = TEXT | HAS_NUL | HAS_SURROGATE
-"""What integers and texts may be that were not looked into."""
+"""All properties that integers and texts may have, for values that were not looked into."""
 
 EXACT_INTEGER = 2**53
 """Doubles hold all integers up to here exactly, and all from its negative on."""
@@ -74,7 +74,7 @@ class ArrayType:
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """The types of some values, and of what they contain."""
+    """The types of some values, and of their contents."""
 
     kinds: int = 0
     """The bits of all of their kinds."""

@@ -101,7 +101,7 @@ def to_table(blocks: Sequence[Block], *, time_name: str = TIME_KEY, topic: str |
 def tables_of_size(
     blocks: Iterable[Block], rows: int, *, time_name: str = TIME_KEY, topic: str | None = None
 ) -> Iterator[pa.Table]:
-    """Yield tables of `rows` rows, the last one of what is left.
+    """Yield tables of `rows` rows; the last table has the rest.
 
     Args:
         blocks: One behind the other.
@@ -126,7 +126,7 @@ def tables_of_size(
 
 
 def _collect(block: list[Row]) -> dict[str, list[Any]]:
-    """Turn rows into columns; what a row does not have is None."""
+    """Turn rows into columns; a field that a row does not have is None."""
     columns: dict[str, list[Any]] = {}
     for number, row in enumerate(block):
         for name, value in row.items():

@@ -31,7 +31,7 @@ def shaped(table: pa.Table, *, flatten: bool, time: TimeForm) -> pa.Table:
     Args:
         table: With `_ts` in s.
         flatten: Whether lists of numbers become a column an element, see `element_columns`.
-        time: What `_ts` becomes.
+        time: The form that `_ts` takes.
 
     Raises:
         UsageError: `flatten` is neither True nor False.

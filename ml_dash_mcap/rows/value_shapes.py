@@ -45,8 +45,8 @@ def of_values(values: Sequence[Any], *, is_coarse: bool = False) -> Shape:
 
     Args:
         values: As they are read: None, booleans, numbers, texts, bytes, lists, dicts, arrays of numpy.
-        is_coarse: Whether to leave out what no JSON Schema tells: what is in lists of lists, how large integers are,
-            what is special in texts. A camera's picture as nested lists would take 50 ms otherwise.
+        is_coarse: Whether to leave out all that no JSON Schema tells: elements of lists of lists, sizes of integers,
+            special letters in texts. A camera's picture as nested lists would take 50 ms otherwise.
     """
     return _of_values(values, is_coarse, is_in_list=False)
 

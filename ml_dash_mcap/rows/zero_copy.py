@@ -1,6 +1,6 @@
 """Converts numbers between Arrow and numpy arrays over the same bytes.
 
-pyarrow's own conversions load pandas where it is installed: half a second and 26 MB, for whoever wants neither.
+pyarrow's own conversions load pandas where it is installed, which takes half a second and 26 MB.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ class ByteSource(Protocol):
 
     @property
     def name(self) -> str:
-        """What error messages call the file."""
+        """The name of the file in error messages."""
 
     def size(self) -> int:
         """Return how many bytes the file has now; one that is being recorded grows."""
@@ -31,4 +31,4 @@ class ByteSource(Protocol):
         """Return the bytes of another file in the same folder; None if there is none."""
 
     def close(self) -> None:
-        """Let go of what was opened. May be called twice."""
+        """Close everything that was opened. May be called twice."""

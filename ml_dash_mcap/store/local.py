@@ -64,7 +64,7 @@ class LocalFolder:
         return sorted((entry for entry in entries if entry is not None), key=lambda entry: entry.name)
 
     def head(self, name: str) -> StoredObject:
-        """Return what is known about an object; see `Store.head`."""
+        """Return the size, time and version of an object; see `Store.head`."""
         path = self.path_of(object_name(name))
         with _mapped(path, "read"):
             entry = self._entry(path)
@@ -81,7 +81,7 @@ class LocalFolder:
             return [_read(file, start, min(end, stored.size)) for start, end in ranges]
 
     def put(self, name: str, content: Content) -> str:
-        """Store an object, whatever has the name; see `Store.put`."""
+        """Store an object, also if the name is taken; see `Store.put`."""
         return self._put(name, content, lambda path: None)
 
     def put_new(self, name: str, content: Content) -> str:
@@ -146,7 +146,7 @@ class LocalFolder:
                 os.close(descriptor)
 
     def _entry(self, path: Path) -> StoredObject | None:
-        """Return what is known about a file; None if it is no object."""
+        """Return the size, time and version of a file; None if it is no object."""
         name = path.relative_to(self.root).as_posix()
         try:
             object_name(name)
@@ -200,7 +200,7 @@ def _read(file: BinaryIO, start: int, end: int) -> bytes:
 
 @contextmanager
 def _mapped(path: Path, verb: str) -> Iterator[None]:
-    """Turn what the system raises into errors of ours."""
+    """Turn errors of the system into errors of this library."""
     try:
         yield
     except StorageError:

@@ -22,7 +22,7 @@ class LocalFile:
     others are opened again by their paths, and it is an error if another file is there by then.
 
     Attributes:
-        bytes_read: How many bytes were read so far. Tests hold reads to what they need.
+        bytes_read: How many bytes were read so far. Tests check that no more is read than needed.
         reads: How many calls of the system that took.
     """
 

@@ -66,7 +66,7 @@ class ObjectSource:
         return self._store.read_ranges(stored, [(0, stored.size)])[0]
 
     def is_version(self, stored: StoredObject) -> bool:
-        """Whether a store's object is still what is read here."""
+        """Whether a store's object is still the version that is read here."""
         return (stored.name, stored.version) == (self._stored.name, self._stored.version)
 
     def read(self, offset: int, length: int) -> bytes:

@@ -52,14 +52,14 @@ class ObjectStore:
 
         Args:
             store: It holds the credentials and says how often a request is tried.
-            url: What error messages call it; the name of its class by default.
+            url: Its name in error messages; the name of its class by default.
         """
         self._store = store
         self._url = type(store).__name__ if url is None else url
 
     @property
     def url(self) -> str:
-        """What error messages call it."""
+        """The name of the store in error messages."""
         return self._url
 
     def list(self, prefix: str = "", *, recursive: bool = True) -> Sequence[StoredObject]:
@@ -73,7 +73,7 @@ class ObjectStore:
         return sorted(map(_stored, metas), key=lambda stored: stored.name)
 
     def head(self, name: str) -> StoredObject:
-        """Return what is known about an object; see `Store.head`."""
+        """Return the size, time and version of an object; see `Store.head`."""
         with self._mapped(object_name(name)):
             return _stored(self._store.head(name))
 
@@ -86,7 +86,7 @@ class ObjectStore:
         return [cut(parts, start, end) for start, end in clipped]
 
     def put(self, name: str, content: Content) -> str:
-        """Store an object, whatever has the name; see `Store.put`."""
+        """Store an object, also if the name is taken; see `Store.put`."""
         return self._put(name, content, "overwrite")
 
     def put_new(self, name: str, content: Content) -> str:
@@ -124,7 +124,7 @@ class ObjectStore:
 
     @contextmanager
     def _mapped(self, name: str) -> Iterator[None]:
-        """Turn what obstore raises into errors of ours."""
+        """Turn errors of obstore into errors of this library."""
         place = f"{self._url}/{name}"
         try:
             yield
@@ -145,7 +145,7 @@ def _stored(meta: ObjectMeta) -> StoredObject:
 
 
 def _side_by_side(fetch: Callable[[ByteRange], bytes], requests: Sequence[ByteRange]) -> Sequence[bytes]:
-    """Return what each request fetches. Each waits for the network on a thread of its own."""
+    """Return the bytes that each request fetches. Each request waits for the network on a thread of its own."""
     if len(requests) < 2:
         return [fetch(request) for request in requests]
     with ThreadPoolExecutor(min(len(requests), _MOST_REQUESTS), "ml_dash_mcap store") as threads:

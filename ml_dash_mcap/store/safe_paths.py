@@ -10,7 +10,7 @@ from pathlib import Path
 from ..errors import PrefixError, UsageError
 
 LONGEST_COMPONENT_BYTES = 255
-"""What Linux, macOS and Windows file systems take for one folder or file name."""
+"""The longest name of a folder or file that the file systems of Linux, macOS and Windows take."""
 
 _DRIVE = re.compile(r"[A-Za-z]:")
 
@@ -49,7 +49,7 @@ def components(name: str, what: str) -> list[str]:
 
     Args:
         name: Relative, with `/` between its parts on every system.
-        what: What the name names, for the error message: "prefix", "file name", ...
+        what: The kind of name, for the error message: "prefix", "file name", ...
 
     Raises:
         PrefixError: See `run_folder`.

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol, TypeAlias
 
 Content: TypeAlias = bytes | Path
-"""What an object is made of: bytes, or those of a local file that does not change meanwhile."""
+"""The content of an object: bytes, or the path of a local file, which must not change meanwhile."""
 
 ByteRange: TypeAlias = tuple[int, int]
 """Where a range starts, and where it ends: the end is not included."""
@@ -41,7 +41,7 @@ class Store(Protocol):
 
     @property
     def url(self) -> str:
-        """What error messages call it."""
+        """The name of the store in error messages."""
 
     def list(self, prefix: str = "", *, recursive: bool = True) -> Sequence[StoredObject]:
         """Return the objects in a folder, sorted by name; none if there is no such folder.
@@ -52,7 +52,7 @@ class Store(Protocol):
         """
 
     def head(self, name: str) -> StoredObject:
-        """Return what is known about an object without its bytes.
+        """Return the size, time and version of an object, without its bytes.
 
         Raises:
             MissingObjectError: There is none.
@@ -63,7 +63,7 @@ class Store(Protocol):
 
         Args:
             stored: The object, as `head` or `list` returned it.
-            ranges: In any order; the bytes come in the same one. What lies behind the object's end is left out.
+            ranges: In any order; the bytes come in the same one. Bytes behind the object's end are left out.
 
         Raises:
             MissingObjectError: The object is gone.
@@ -87,7 +87,7 @@ class Store(Protocol):
             Its new version.
 
         Raises:
-            StaleVersionError: What has the name is another version, or nothing has it any more.
+            StaleVersionError: The object is another version now, or is gone.
         """
 
     def delete(self, name: str) -> None:
