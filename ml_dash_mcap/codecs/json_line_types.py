@@ -75,7 +75,9 @@ def widened(before: Shape | None, latest: Shape) -> Shape:
         before: Of those before; None if there are none.
         latest: Of the latest lines, which alone count where no type holds the values of both.
     """
-    both = latest if before is None else before | latest
+    if before is None:
+        return latest
+    both = before | latest
     return latest if None in types_of({"": both}).values() else both
 
 
