@@ -109,12 +109,6 @@ def payload_bytes(topic: StoredTopic) -> int:
     return max(total, 0)  # the indexes may be wrong
 
 
-def time_range(topic: StoredTopic) -> tuple[float | None, float | None]:
-    """Return the time stamps of a topic's first and last rows, in s; looks only into the chunks at its ends."""
-    start, _ = first(topic)
-    return start, None if start is None else last_time(topic)
-
-
 def first(topic: StoredTopic) -> tuple[float | None, Row | None]:
     """Return the time stamp of a topic's first row, in s, and the row; None without one, or if it cannot be decoded."""
     for file in topic.files:

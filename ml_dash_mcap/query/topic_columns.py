@@ -82,7 +82,7 @@ def read(
 ) -> Iterator[Block]:
     """Read a topic's rows with time stamps in [low, high] as columns.
 
-    They are the rows of `topic_rows.read`, in the types that `rows.table.from_rows` gives them. Memory holds a few
+    They are the rows of `topic_rows.read`, in the types that `rows.table.to_table` gives them. Memory holds a few
     chunks, not the topic.
 
     Args:

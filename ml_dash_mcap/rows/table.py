@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -20,26 +19,6 @@ Row = dict[str, Any]
 
 BLOCK_ROWS = 8192
 """Rows are turned into columns by so many at a time, which is faster than holding all as Python objects."""
-
-
-def from_rows(rows: Iterable[Row], *, time_name: str = TIME_KEY, topic: str | None = None) -> pa.Table:
-    """Build a table with one column a field, in the order in which the fields first appear.
-
-    A field that a row does not have, or has as None, is null. Booleans, text, bytes and numbers are what they are
-    (integers are int64 or uint64, and double only beside fractions, when all are below 2**53); lists of one kind are
-    lists, of fixed size if they are vectors of one length; dicts of the same keys in lists are structs. A column whose
-    values fit no common type is JSON text, and its metadata says so.
-
-    Args:
-        rows: Flat rows.
-        time_name: The column for the time stamps, a double in seconds; comes first.
-        topic: For the table's metadata.
-    """
-    rows = iter(rows)
-    blocks: list[Block] = []
-    while block := list(islice(rows, BLOCK_ROWS)):
-        blocks.append(block_of(block))
-    return to_table(blocks, time_name=time_name, topic=topic)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +64,18 @@ def join(blocks: Sequence[Block]) -> Block:
 
 
 def to_table(blocks: Sequence[Block], *, time_name: str = TIME_KEY, topic: str | None = None) -> pa.Table:
-    """Return blocks as one table, the time stamps first; the arguments are those of `from_rows`."""
+    """Return blocks as one table with a column for each field, in the order in which the fields first appear.
+
+    A field that a row does not have, or has as None, is null. Booleans, text, bytes and numbers are what they are
+    (integers are int64 or uint64, and double only beside fractions, when all are below 2**53); lists of one kind are
+    lists, of fixed size if they are vectors of one length; dicts of the same keys in lists are structs. A column whose
+    values fit no common type is JSON text, and its metadata says so.
+
+    Args:
+        blocks: One behind the other.
+        time_name: The column for the time stamps, a double in seconds; comes first.
+        topic: For the table's metadata.
+    """
     columns = join(blocks).columns
     times = columns.pop(time_name, Column(pa.chunked_array([], pa.float64())))
     columns = {name: Column(_tight(column.array), column.is_text) for name, column in columns.items()}

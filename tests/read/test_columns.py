@@ -18,10 +18,10 @@ from ml_dash_mcap import Recorder, RecorderOptions, Recording
 from ml_dash_mcap.codecs.json_lines import LineReader, joined
 from ml_dash_mcap.errors import NotFoundError, RangeError
 from ml_dash_mcap.rows.dotted import flatten
-from ml_dash_mcap.rows.table import from_rows
 from ml_dash_mcap.rows.typed_columns import ENCODING_KEY, from_text
 from ml_dash_mcap.topic_reader import TopicReader
 from tests.support.examples import examples
+from tests.support.tables import from_rows
 
 SMALL = RecorderOptions(chunk_bytes=65536, backlog_bytes=262_144, sync_interval_s=0)
 

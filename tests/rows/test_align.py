@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from ml_dash_mcap.errors import AlignmentError, NotFoundError, UsageError
 from ml_dash_mcap.rows.align import align, grid
 from ml_dash_mcap.rows.align_methods import METHODS, Choice, Methods
-from ml_dash_mcap.rows.table import from_rows
 from tests.support.examples import examples
+from tests.support.tables import from_rows
 
 Row = dict[str, Any]
 

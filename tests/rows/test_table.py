@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.rows.json_text import restore
-from ml_dash_mcap.rows.table import from_rows
 from ml_dash_mcap.rows.typed_columns import ENCODING_KEY
 from tests.support.examples import examples
+from tests.support.tables import from_rows
 
 
 def column(*values):
