@@ -104,8 +104,8 @@ class RecorderOptions:
     ) -> RecorderOptions:
         """Make options from what was given, ml-dash's `buffer_config`, and then the `ML_DASH_*` variables.
 
-        The variables are `ML_DASH_FLUSH_INTERVAL` (s), `ML_DASH_TRACK_BATCH_SIZE` (rows) and
-        `ML_DASH_BUFFER_ENABLED` (true or false); each counts only where nothing else sets its option.
+        The variables are `ML_DASH_FLUSH_INTERVAL` (s), `ML_DASH_TRACK_BATCH_SIZE` (rows), `ML_DASH_BUFFER_ENABLED`
+        (true or false) and `ML_DASH_ENCODING`; each counts only where nothing else sets its option.
 
         Args:
             environment: Where to look the variables up; the process's own by default.
@@ -172,6 +172,7 @@ _VARIABLES = {
     "ML_DASH_FLUSH_INTERVAL": "flush_interval_s",
     "ML_DASH_TRACK_BATCH_SIZE": "batch_rows",
     "ML_DASH_BUFFER_ENABLED": "buffered",
+    "ML_DASH_ENCODING": "encoding",
 }
 _SWITCH = {"true": True, "1": True, "yes": True, "on": True, "false": False, "0": False, "no": False, "off": False}
 _ML_DASH_NAMES = {"flush_interval": "flush_interval_s", "track_batch_size": "batch_rows", "buffer_enabled": "buffered"}
@@ -200,8 +201,10 @@ def _from_variables(environment: Mapping[str, str]) -> dict[str, Any]:
     return values
 
 
-def _parse(variable: str, option: str, text: str) -> float | int | bool:
+def _parse(variable: str, option: str, text: str) -> float | int | bool | str:
     try:
+        if option == "encoding":
+            return text
         if option == "buffered":
             return _SWITCH[text.lower()]
         return int(text) if option == "batch_rows" else float(text)

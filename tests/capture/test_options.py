@@ -12,6 +12,7 @@ import pytest
 from ml_dash_mcap.errors import OptionError
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
+from ml_dash_mcap.recording import Recording
 from tests.support import disk
 from tests.support.case_ids import stable_repr
 
@@ -97,6 +98,20 @@ def test_options_come_from_the_environment_where_nothing_else_says_them() -> Non
         environment, config, buffered=True, flush_interval_s=3.0
     ) == RecorderOptions(flush_interval_s=3.0, batch_rows=7)
     assert RecorderOptions.from_environment({"ML_DASH_FLUSH_INTERVAL": "", "OTHER": "x"}) == RecorderOptions()
+
+
+def test_the_encoding_comes_from_the_environment_as_other_options_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ML_DASH_ENCODING", " cbor ")
+    assert RecorderOptions.from_environment(encoding="json").encoding == "json"
+    with Recorder(tmp_path / "cbor") as recorder:
+        recorder.topic("a").append(n=1, _ts=0.0)
+    with Recording(tmp_path / "cbor") as rec:
+        assert rec.topics["a"].encoding == "cbor"
+    monkeypatch.setenv("ML_DASH_ENCODING", "morse")
+    with pytest.raises(OptionError, match="morse"):
+        Recorder(tmp_path / "morse")
 
 
 def test_a_buffer_config_may_be_an_object_and_name_our_own_options() -> None:
