@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -219,11 +220,23 @@ def test_an_integer_beyond_64_bits_is_an_overflow_that_names_the_field(tmp_path:
     assert disk.rows(folder)["arm"] == [{"ticks": [2**64 - 1, -(2**63)], "_ts": 1.5}]
 
 
-@both
-def test_lists_of_200_levels_are_stored(tmp_path: Path, api: str) -> None:
-    with recording(api, tmp_path) as (topic, folder):
-        topic("arm").append(a=nested(150), _ts=1.0)
-    assert disk.rows(folder)["arm"] == [{"a": nested(150), "_ts": 1.0}]
+@pytest.mark.parametrize("encoding", ["json", "cbor"])
+@pytest.mark.parametrize("leaf", [1.5, 7, None, math.inf, b"\0", np.int64(7)], ids=repr)
+@pytest.mark.parametrize("around", [lambda value: [value], lambda value: {"a": value}], ids=["lists", "dicts"])
+def test_lists_and_dicts_of_253_levels_are_stored_whatever_they_hold_and_no_more(
+    tmp_path: Path, encoding: str, leaf: Any, around: Callable[[Any], Any]
+) -> None:
+    value = leaf
+    for _ in range(253):
+        value = around(value)
+    with Recorder(tmp_path) as recorder:
+        topic = recorder.topic("arm", encoding=encoding)
+        topic.append(a=value, _ts=1.0)
+        message = refused(lambda: topic.append(a=around(value), _ts=2.0), FieldError)
+    assert "field 'a' is nested deeper than 253 levels" in message
+    with Recording(tmp_path) as rec:
+        [row] = rec["arm"].rows()
+    assert row == {"a": value, "_ts": 1.0}
 
 
 @both

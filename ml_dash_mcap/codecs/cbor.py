@@ -15,7 +15,7 @@ import cbor2
 import numpy as np
 
 from ..rows import foreign_values, packed_arrays
-from ..rows.plain_row import LARGEST_INT, SMALLEST_INT
+from ..rows.plain_row import LARGEST_INT, MOST_LEVELS, SMALLEST_INT
 from .encoded_channel import Row
 from .row_codec import RowCodec
 
@@ -24,7 +24,8 @@ _TIME_BYTES = len(_TIME_MARK) + 8
 
 _ATOMS = {float, str, bool, bytes, type(None)}
 _FRACTIONS = {float}
-_MOST_DEPTH = 254
+_MOST_DEPTH = MOST_LEVELS + 4
+"""The row, lists and dicts in it, and an array in the innermost: two tags and a list."""
 
 _ROW_MAJOR, _OBJECT, _ARRAY_NAME = 40, 27, "ml_dash.array"
 _TYPED = {64: "|u1", 72: "|i1", 80: ">f2", 84: "<f2"} | {

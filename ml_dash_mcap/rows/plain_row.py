@@ -18,8 +18,8 @@ EXACT_KEY = "_exact"
 
 SMALLEST_INT, LARGEST_INT = -(2**63), 2**64 - 1
 
-_MAX_DEPTH = 200
-"""Containers nested deeper than this are refused (orjson's own limit is 254)."""
+MOST_LEVELS = 253
+"""So many lists or dicts may lie in each other in a field. The row is one more, and orjson's limit is 254."""
 
 _FRACTIONS = {float}
 
@@ -124,8 +124,6 @@ class PlainRow:
             return value if value - value == 0.0 else self._fraction(value, parent, key)
         if value is None or value.__class__ is str:
             return value
-        if depth > _MAX_DEPTH:
-            raise FieldError(f"{self._where()} is nested deeper than {_MAX_DEPTH} levels")
         if isinstance(value, enum.Enum):
             return self._convert(value.value, parent, key, depth + 1)
         if isinstance(value, (bool, str)):
@@ -136,6 +134,8 @@ class PlainRow:
             return self._fraction(float(value), parent, key)
         if isinstance(value, (bytes, bytearray)) or (isinstance(value, memoryview) and foreign_values.is_bytes(value)):
             return self.bytes_(bytes(value), parent, key)
+        if depth >= MOST_LEVELS:  # objects that are converted count too: some are converted to themselves without end
+            self._refuse_depth(value, depth)
         if isinstance(value, (Mapping, list, tuple)):
             return self._container(value, f"{parent}/{_escape(key)}", depth + 1)
         return self._foreign(value, parent, key, depth)
@@ -156,9 +156,20 @@ class PlainRow:
             # Both looks run in C, so that a list of floats is not gone through in Python.
             if set(map(type, value)) == _FRACTIONS and all(map(math.isfinite, value)):
                 return value
-            return [self._convert(inner, pointer, index, depth) for index, inner in enumerate(value)]
-        named = zip(self._keys(value), value.values(), strict=True)
-        return {name: self._convert(inner, pointer, name, depth) for name, inner in named}
+            # Loops, because before Python 3.12 a comprehension takes one more frame of the stack for each level.
+            values = []
+            for index, inner in enumerate(value):
+                values.append(self._convert(inner, pointer, index, depth))
+            return values
+        fields = {}
+        for name, inner in zip(self._keys(value), value.values(), strict=True):
+            fields[name] = self._convert(inner, pointer, name, depth)
+        return fields
+
+    def _refuse_depth(self, value: Any, depth: int) -> None:
+        """Raise FieldError if a value is a container below too many others, or was converted too often."""
+        if depth > MOST_LEVELS or isinstance(value, (Mapping, list, tuple)):
+            raise FieldError(f"{self._where()} is nested deeper than {MOST_LEVELS} levels")
 
     def _foreign(self, value: Any, parent: str, key: str | int, depth: int) -> Any:
         try:
