@@ -18,7 +18,7 @@ from .store.local import LocalFolder
 from .store.run_folders import holds_run, runs_below, runs_in
 from .store.safe_paths import place
 from .store.session_lock import SessionLock
-from .store.store import Store
+from .store.store import Store, check_store
 
 _BAG_FILE = "metadata.yaml"
 """The file that makes a folder a ROS 2 bag."""
@@ -29,7 +29,7 @@ class CatalogEntry:
     """A recording at a glance."""
 
     path: Path
-    """Its folder."""
+    """Its folder; in a store, its name as a PurePosixPath."""
     status: str
     """How the run ended: "completed", "failed" or "cancelled"; "died" if nobody said. "recording" while it is recorded.
     Where no run was: "finished", or "unfinished" if a file lacks its end. "damaged" if something cannot be read."""
@@ -65,11 +65,13 @@ def recordings(root: str | Path, *, store: Store | None = None, recover: bool = 
 
     Raises:
         MissingRecordingError: There is no such folder; also a FileNotFoundError.
+        UsageError: `store` is no store; also a TypeError.
 
     Example:
         >>> for entry in recordings(".dash"):
         ...     print(entry.path, entry.status, entry.duration)
     """
+    check_store(store)
     if store is not None and not isinstance(store, LocalFolder):
         [prefix] = names_of([root])
         return _in_store(store, prefix)

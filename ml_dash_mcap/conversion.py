@@ -50,7 +50,7 @@ def convert(
             `ParquetWriteOptions(flatten=True)`, can be passed as `options` instead.
 
     Returns:
-        `dest`.
+        `dest`; in a store, a PurePosixPath, which cannot be opened here.
 
     Raises:
         MissingRecordingError: Nothing is at `src`; also a FileNotFoundError.

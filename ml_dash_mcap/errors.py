@@ -18,7 +18,7 @@
     │   └── DestinationExistsError (FileExistsError)     an export's destination that is there already
     ├── NotFoundError        (KeyError)                  a topic, column or entry that is not there
     ├── AlignmentError       (ValueError)                a method or rate that topics cannot be aligned with
-    ├── FormatError          (ValueError)                an export format that is not known
+    ├── FormatError          (ValueError)                a format that is not known, or not read in a store
     ├── ConversionError      (ValueError)                a topic, row or name that another format cannot say
     ├── ForeignFileError     (ValueError)                another tool's file that breaks its format's rules
     ├── EncodingError        (ValueError)                a schema that is broken, or has what cannot be decoded
@@ -110,7 +110,7 @@ class AlignmentError(RecorderError, ValueError):
 
 
 class FormatError(RecorderError, ValueError):
-    """An export format that is not known."""
+    """A format that is not known, or that is not read in a store."""
 
 
 class ConversionError(RecorderError, ValueError):

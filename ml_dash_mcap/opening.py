@@ -20,7 +20,7 @@ from .query.places import LocalPlaces, Places, StoredPlaces, label, names_of
 from .store.local import LocalFolder
 from .store.safe_paths import place
 from .store.session_lock import SessionLock
-from .store.store import Store
+from .store.store import Store, check_store
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,10 @@ def open_recording(
     Raises:
         MissingRecordingError: There is no recording.
         DamagedFileError: A file is no MCAP file, or a finished one is broken.
+        FormatError: A file in the store is of another format.
+        UsageError: `store` is no store.
     """
+    check_store(store)
     named = list(given) if isinstance(given, Iterable) and not isinstance(given, str) else [given]
     if not named:
         raise MissingRecordingError(errno.ENOENT, "an empty list of files is no recording", "")

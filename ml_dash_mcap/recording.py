@@ -90,6 +90,8 @@ class Recording(RecordedRun):
             DamagedFileError: A file is no MCAP file, or a finished one is broken.
             NotFoundError: There is no such run; the message names those that there are. Also a KeyError.
             OptionError: An option has a value that it cannot have; also a ValueError.
+            UsageError: `store` is no store; also a TypeError.
+            FormatError: A file in a store is of another format; also a ValueError.
         """
         how = decoding(definitions, on_unknown)
         bag_options: dict[str, Any] = {
@@ -246,7 +248,7 @@ class Recording(RecordedRun):
             options: Of the format.
 
         Returns:
-            `dest`.
+            `dest`; in a store, a PurePosixPath, which cannot be opened here.
 
         Raises:
             DestinationExistsError: Something is at `dest` that may not be replaced; also a FileExistsError.

@@ -15,7 +15,7 @@ from ..file_names import SEGMENT_SUFFIX
 from ..query.places import label, names_of
 from ..store.local import LocalFolder
 from ..store.safe_paths import object_name, place
-from ..store.store import Store
+from ..store.store import Store, check_store
 from . import registry
 from .destination import refuse_existing, replacing
 from .replacing import HEAD_BYTES, RECORDING, content_that_stays, is_ours, keeper, written_by_others
@@ -36,8 +36,9 @@ def located(dest: str | os.PathLike[str], store: Store | None) -> tuple[Path, St
 
     Raises:
         PrefixError: No store takes that name.
-        UsageError: It is neither text nor a path.
+        UsageError: It is neither text nor a path, or `store` is no store.
     """
+    check_store(store)
     if store is None:
         return place(dest, "dest"), None
     [name] = map(object_name, names_of([dest]))

@@ -110,7 +110,9 @@ class IndexedFile:
     @property
     def losses(self) -> list[Loss]:
         """The damage that was found so far and left out."""
-        return [*(self._index.losses if self._index is not None else ()), *self._losses.all()]
+        losses = [*(self._index.losses if self._index is not None else ()), *self._losses.all()]
+        # The parts that read the bytes know only the name of their source; the caller knows the file by its path.
+        return [replace(loss, path=self.path) for loss in losses]
 
     def refresh(self, path: Path | None = None) -> bool:
         """Read the records that were written since the last look.

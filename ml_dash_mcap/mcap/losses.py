@@ -13,7 +13,7 @@ class Loss:
     """Something that could not be read."""
 
     path: Path
-    """The file."""
+    """The file; in a store, its name as a PurePosixPath."""
     offset: int
     """The place of the damage in the file, in bytes from its start."""
     what: str

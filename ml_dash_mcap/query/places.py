@@ -10,9 +10,11 @@ from typing import Protocol, cast
 
 from ..errors import MissingObjectError
 from ..file_names import ACTIVE_SUFFIX
+from ..mcap.records import MAGIC
 from ..store.byte_source import ByteSource
 from ..store.local_file import LocalFile, identity
 from ..store.object_source import ObjectSource
+from ..store.run_folders import is_segment
 from ..store.safe_paths import folder_name
 from ..store.store import Store, StoredObject
 from . import recording_files
@@ -121,7 +123,12 @@ class StoredPlaces:
         self.is_one_file = stored is not None and len(self._names) == 1
         if stored is None and not is_known:
             recording_files.refuse_in_store(self._store, name, listed)
+        if stored is not None and not is_segment(stored.name) and not self._is_mcap(stored):
+            recording_files.refuse_format_in_store(self._store, name)
         return [] if stored is None else [stored]
+
+    def _is_mcap(self, stored: StoredObject) -> bool:
+        return self._store.read_ranges(stored, [(0, len(MAGIC))])[0] == MAGIC
 
     def prepare(self, paths: Sequence[Path]) -> None:
         """Fetch the beginnings and ends of several objects side by side: each waits for the network."""

@@ -10,7 +10,7 @@ from itertools import islice
 from pathlib import Path
 from typing import NoReturn
 
-from ..errors import MissingRecordingError, StorageError
+from ..errors import FormatError, MissingRecordingError, StorageError
 from ..file_names import ACTIVE_SUFFIX, DEFAULT_ROOTS
 from ..store.run_folders import is_segment, is_session, runs_below, runs_in
 from ..store.store import Store
@@ -22,6 +22,7 @@ _MOST_FOLDERS = 5000
 """So many folders are searched for runs that the error message names; that takes some tenths of a second."""
 _NAMED = 5
 """An error message names so many runs or files."""
+_NOT_READ_THERE = "bags and tables in a store are not read: copy them to this machine first"
 
 
 def segments(path: Path, *, is_known: bool = False) -> list[Path]:
@@ -45,7 +46,8 @@ def segments(path: Path, *, is_known: bool = False) -> list[Path]:
     names = _names(path)
     ordered = in_writing_order(names)
     if not ordered and not is_known and not any(map(is_session, names)):
-        _refuse(str(path), names, _recordings_below(path))
+        advice = "a recording is a folder with .mcap files in it, one .mcap file, or a bag or table of others"
+        _refuse(str(path), names, _recordings_below(path), "it is empty", advice)
     return [path / name for name in ordered]
 
 
@@ -60,7 +62,15 @@ def in_writing_order(names: Iterable[str]) -> list[str]:
 def refuse_in_store(store: Store, prefix: str, names: Iterable[str]) -> NoReturn:
     """Raise MissingRecordingError, because a folder of a store holds no run. The message names runs below it."""
     runs = (folder.removeprefix(f"{prefix}/") for folder, _ in runs_in(store, prefix))
-    _refuse(f"{store.url}/{prefix}", list(names), list(islice(runs, _NAMED + 1)))
+    what = "in a store, a recording is a folder with .mcap files in it, or one .mcap file"
+    present = list(names)
+    advice = f"{what}; {_NOT_READ_THERE}" if present else what
+    _refuse(f"{store.url}/{prefix}", present, list(islice(runs, _NAMED + 1)), "there is nothing", advice)
+
+
+def refuse_format_in_store(store: Store, name: str) -> NoReturn:
+    """Raise FormatError, because an object is no MCAP file."""
+    raise FormatError(f"{store.url}/{name} is no MCAP file, and {_NOT_READ_THERE}")
 
 
 def _names(path: Path) -> list[str]:
@@ -87,15 +97,22 @@ def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
     return [(int(part) if at % 2 else 0, "" if at % 2 else part) for at, part in enumerate(parts)], name
 
 
-def _refuse(place: str, names: Sequence[str], below: Sequence[str]) -> NoReturn:
-    """Raise MissingRecordingError for a folder without a run. The message names runs that the caller may have meant."""
+def _refuse(place: str, names: Sequence[str], below: Sequence[str], empty: str, advice: str) -> NoReturn:
+    """Raise MissingRecordingError for a folder without a run. The message names runs that the caller may have meant.
+
+    Args:
+        place: Of the folder.
+        names: Of the files and folders in it.
+        below: Runs in the folders below it.
+        empty: What the message says where there are no names.
+        advice: What a recording is.
+    """
     if below:
         raise MissingRecordingError(
             errno.ENOENT, f"no recording here, but in the folders below it: {_listed(below)}", place
         )
-    there = f"it has {_listed(sorted(names))}" if names else "it is empty"
-    what = "a recording is a folder with .mcap files in it, one .mcap file, or a bag or table of others"
-    raise MissingRecordingError(errno.ENOENT, f"no recording here, and {there}; {what}", place)
+    there = f"it has {_listed(sorted(names))}" if names else empty
+    raise MissingRecordingError(errno.ENOENT, f"no recording here, and {there}; {advice}", place)
 
 
 def _listed(names: Sequence[str]) -> str:

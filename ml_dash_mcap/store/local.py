@@ -53,12 +53,16 @@ class LocalFolder:
         return str(self.root)
 
     def path_of(self, name: str) -> Path:
-        """Return the path that an object has, or would have; that of "" is the folder."""
-        return self.root / name
+        """Return the path that an object has, or would have; that of "" is the folder.
+
+        Raises:
+            PrefixError: No store takes such a name, for example because it leaves the folder.
+        """
+        return self.root / folder_name(name)
 
     def list(self, prefix: str = "", *, recursive: bool = True) -> Sequence[StoredObject]:
         """Return the objects in a folder, sorted by name; see `Store.list`."""
-        folder = self.path_of(folder_name(prefix))
+        folder = self.path_of(prefix)
         with _mapped(folder, "listed"):
             entries = [self._entry(path) for path in _files(folder, recursive)]
         return sorted((entry for entry in entries if entry is not None), key=lambda entry: entry.name)
@@ -108,6 +112,10 @@ class LocalFolder:
         path = self.path_of(object_name(name))
         with _mapped(path, "removed"), suppress(FileNotFoundError, NotADirectoryError), self._turn():
             path.unlink()
+
+    def __reduce__(self) -> tuple[type[LocalFolder], tuple[Path]]:
+        """Let it pass between processes: a lock does not, so each process makes its own."""
+        return type(self), (self.root,)
 
     def __repr__(self) -> str:
         return f"LocalFolder({self.url!r})"

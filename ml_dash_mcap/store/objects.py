@@ -38,7 +38,8 @@ _MOST_REQUESTS = 8
 class ObjectStore:
     """A store of obstore.
 
-    The server itself checks the conditions of `put_new` and `replace`. Versions are its entity tags.
+    The server itself checks the conditions of `put_new` and `replace`. Versions are its entity tags. It is pickled if
+    the store of obstore is: those of servers are, a MemoryStore is not.
 
     Example:
         >>> from obstore.store import MemoryStore

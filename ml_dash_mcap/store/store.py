@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeAlias
 
+from ..errors import UsageError
+
 Content: TypeAlias = bytes | Path
 """The content of an object: bytes, or the path of a local file, which must not change meanwhile."""
 
@@ -92,3 +94,24 @@ class Store(Protocol):
 
     def delete(self, name: str) -> None:
         """Remove an object; nothing happens if there is none."""
+
+
+_MEMBERS = sorted(name for name in vars(Store) if not name.startswith("_"))
+
+
+def check_store(store: object) -> None:
+    """Raise UsageError if `store` is neither a store nor None."""
+    missing = [name for name in _MEMBERS if not hasattr(store, name)]
+    if store is None or not (missing or isinstance(store, type)):
+        return
+    type_ = type(store)
+    if isinstance(store, type):
+        advice = f"pass an instance, as {store.__name__}(...) makes it"
+    elif type_.__module__.partition(".")[0] == "obstore":
+        advice = "pass ObjectStore(...) around it"
+    else:
+        advice = (
+            "pass LocalFolder(path), ObjectStore(...), another object with the methods of Store, or None"
+        )
+    lacking = f", which has no {missing[0]}" if missing else ""
+    raise UsageError(f"store={store!r} is of type {type_.__name__}{lacking}; {advice}")

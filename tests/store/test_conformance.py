@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
-from obstore.store import MemoryStore
+from obstore.store import MemoryStore, S3Store
 
-from ml_dash_mcap import Recording, recordings
-from ml_dash_mcap.errors import MissingObjectError, StorageError
+from ml_dash_mcap import Recording, convert, recordings
+from ml_dash_mcap.errors import MissingObjectError, PrefixError, StorageError, UsageError
 from ml_dash_mcap.store.local import LocalFolder
 from ml_dash_mcap.store.objects import ObjectStore
 from ml_dash_mcap.store.store import Store
@@ -43,6 +46,56 @@ def test_a_recording_in_a_local_folder_is_that_of_its_path(local_run: Path, tmp_
     assert dest == tmp_path / "out" / "event.csv"
     assert dest.is_file()
     assert [entry.path for entry in recordings("", store=LocalFolder(local_run.parent))] == [local_run]
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "../../x", "a/../..", "a//b", "nul\0"])
+def test_a_local_folder_has_no_path_for_a_name_that_leaves_it(tmp_path: Path, name: str) -> None:
+    with pytest.raises(PrefixError):
+        LocalFolder(tmp_path).path_of(name)
+
+
+def test_a_local_folder_has_paths_for_names_and_for_itself(tmp_path: Path) -> None:
+    assert LocalFolder(tmp_path).path_of("run/a.mcap") == tmp_path / "run" / "a.mcap"
+    assert LocalFolder(tmp_path).path_of("") == tmp_path
+
+
+def test_a_local_folder_goes_to_another_process_and_is_the_same_store_there(tmp_path: Path) -> None:
+    folder = LocalFolder(tmp_path)
+    folder.put("a", b"old")
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        pool.apply(LocalFolder.put, (folder, "a", b"new"))
+    copy = pickle.loads(pickle.dumps(folder))
+    assert (copy.root, read(copy, "a"), read(folder, "a")) == (tmp_path, b"new", b"new")
+
+
+def test_an_object_store_is_pickled_if_its_store_of_obstore_is() -> None:
+    store = ObjectStore(S3Store("bucket", region="eu-west-1"), url="s3://bucket")
+    assert repr(pickle.loads(pickle.dumps(store))) == repr(store)
+    with pytest.raises(TypeError, match="MemoryStore"):
+        pickle.dumps(ObjectStore(MemoryStore()))
+
+
+NO_STORES = {
+    "a store of obstore": (MemoryStore(), r"of type MemoryStore.*; pass ObjectStore\(\.\.\.\) around it"),
+    "a number": (5, r"store=5 is of type int.*; pass LocalFolder\(path\), ObjectStore\(\.\.\.\)"),
+    "text": ("mcap", r"store='mcap' is of type str.*; pass LocalFolder\(path\), ObjectStore\(\.\.\.\)"),
+    "a class": (LocalFolder, r"; pass an instance, as LocalFolder\(\.\.\.\) makes it"),
+}
+
+
+@pytest.mark.parametrize(("store", "advice"), NO_STORES.values(), ids=NO_STORES)
+def test_what_is_no_store_is_refused_with_what_to_pass(
+    local_run: Path, tmp_path: Path, store: Any, advice: str
+) -> None:
+    with Recording(local_run) as rec:
+        for call in (
+            lambda: Recording("demo", store=store),
+            lambda: recordings("", store=store),
+            lambda: rec.export("event.csv", store=store, topics=["event"]),
+            lambda: convert(local_run, "event.csv", store=store, topics=["event"]),
+        ):
+            with pytest.raises(UsageError, match=advice):
+                call()
 
 
 class TestObjectStoreInMemory(StoreLaws, RecordingLaws):

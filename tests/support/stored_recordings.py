@@ -6,7 +6,7 @@ import itertools
 import os
 import threading
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import pyarrow.parquet as pq
 import pytest
@@ -19,6 +19,7 @@ from ml_dash_mcap import Recorder, RecorderOptions, Recording, convert, recordin
 from ml_dash_mcap.errors import (
     DamagedFileError,
     DestinationExistsError,
+    FormatError,
     MissingRecordingError,
     PrefixError,
     StaleVersionError,
@@ -234,6 +235,40 @@ class RecordingLaws:
             Recording("absent", store=stored)
         with pytest.raises(UsageError):
             Recording(5, store=stored)  # type: ignore[arg-type]
+
+    def test_what_is_said_of_a_name_without_a_recording_names_the_store_and_what_can_be_read(
+        self, store: Store
+    ) -> None:
+        store.put("bags/field/field_0.db3", b"SQLite format 3\0")
+        store.put("tables/p.csv", b"t,x\n0,1\n")
+        with pytest.raises(MissingRecordingError) as missing:
+            Recording("nope", store=store)
+        assert f"{store.url}/nope" in str(missing.value)
+        assert "bag" not in str(missing.value) and "table" not in str(missing.value)
+        with pytest.raises(MissingRecordingError, match=r"field_0\.db3.*bags and tables in a store are not read"):
+            Recording("bags/field", store=store)
+        for name in ("tables/p.csv", "bags/field/field_0.db3"):
+            with pytest.raises(FormatError, match="bags and tables in a store are not read: copy them") as refused:
+                Recording(name, store=store)
+            assert f"{store.url}/{name}" in str(refused.value)
+
+    def test_a_file_of_a_store_is_a_recording_by_its_content_whatever_its_name_ends_with(
+        self, store: Store, local_run: Path
+    ) -> None:
+        store.put("backup/demo.bin", Recording(local_run).segments[0])
+        with Recording("backup/demo.bin", store=store) as rec:
+            assert "robot" in rec
+
+    @pytest.mark.breaks_files
+    def test_every_loss_names_its_file_by_the_path_that_segments_have(self, store: Store, local_run: Path) -> None:
+        whole = Recording(local_run).segments[0].read_bytes()
+        store.put("run/1.mcap", whole + b"behind")
+        store.put("run/2.mcap", b"hello, world")
+        with Recording("run", store=store, on_damage="skip") as rec:
+            assert [(type(loss.path), loss.path) for loss in rec.losses] == [
+                (PurePosixPath, PurePosixPath("run/2.mcap")),
+                (PurePosixPath, PurePosixPath("run/1.mcap")),
+            ]
 
     def test_a_file_that_is_no_mcap_is_damaged(self, store: Store) -> None:
         store.put("run/notes.mcap", b"hello, world")
