@@ -17,8 +17,8 @@ class SessionInfo:
     folder: Path
     """The run's folder."""
     about: Mapping[str, str]
-    """The content of the `ml_dash` metadata record of each segment: `prefix`, `run`, `run_start`, `host`, `library`. And
-    `stamp`, with which the names of the session's segments begin."""
+    """The content of the `ml_dash` metadata record of each segment: `prefix`, `run`, `run_start`, `host`, `library`.
+    And `stamp`, with which the names of the session's segments begin."""
 
 
 class Sink(Protocol):

@@ -110,8 +110,6 @@ def check_store(store: object) -> None:
     elif type_.__module__.partition(".")[0] == "obstore":
         advice = "pass ObjectStore(...) around it"
     else:
-        advice = (
-            "pass LocalFolder(path), ObjectStore(...), another object with the methods of Store, or None"
-        )
+        advice = "pass LocalFolder(path), ObjectStore(...), another object with the methods of Store, or None"
     lacking = f", which has no {missing[0]}" if missing else ""
     raise UsageError(f"store={store!r} is of type {type_.__name__}{lacking}; {advice}")
