@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn, overload
+from typing import Any, NoReturn
 
-from .capture.stats import Stats
 from .errors import StateError, UsageError
 from .file_names import EXPERIMENT_ROOT as DEFAULT_ROOT
 from .options import RecorderOptions, arguments_of, misplaced
-from .run.episode_marks import OpenEpisode
 from .run.files import Files
 from .run.lifecycle import Run, choose_options, describe
 from .run.live import Live, Timestamps
 from .run.logs import Logs
 from .run.metrics import Metrics
 from .run.parameters import Parameters
+from .run.shared_methods import RunMethods
 from .run.tracks import Track, Tracks
 from .store import safe_paths
 
 
-class Experiment:
+class Experiment(RunMethods):
     """A run that is recorded into `<root>/<prefix>/`: tracks, metrics, logs, parameters and files.
 
     Starting the same prefix again adds to what is there. Any thread may call any method.
@@ -125,102 +123,33 @@ class Experiment:
     @property
     def metrics(self) -> Metrics:
         """Numbered points: `exp.metrics("train").log(loss=0.5)`."""
-        return self._live().metrics
+        return self._open_live("metrics").metrics
 
     @property
     def params(self) -> Parameters:
         """The run's parameters: `exp.params.set(lr=1e-3)`."""
-        return self._live().parameters
+        return self._open_live("params").parameters
 
     @property
     def logs(self) -> Logs:
         """Messages: `exp.logs.info("Training started", epoch=1)`."""
-        return self._live().logs
+        return self._open_live("logs").logs
 
     @property
     def files(self) -> Files:
         """Files: `exp.files("frames").save_image(frame, to="frame_00001.jpg")`."""
-        return self._live().files
-
-    @overload
-    def log(
-        self, message: None = None, level: None = None, metadata: Mapping[str, Any] | None = None, **beside: Any
-    ) -> Logs: ...
-
-    @overload
-    def log(
-        self, message: object, level: str | None = None, metadata: Mapping[str, Any] | None = None, **beside: Any
-    ) -> None: ...
-
-    def log(
-        self,
-        message: Any = None,
-        level: str | None = None,
-        metadata: Mapping[str, Any] | None = None,
-        **beside: Any,
-    ) -> Logs | None:
-        """Log a message, or, without one, return a log whose messages get the given fields.
-
-        Args:
-            message: Text; it is recorded, not printed.
-            level: "info" (the default), "warn", "error", "debug" or "fatal".
-            metadata: Fields to keep with it, like `beside`.
-
-        Raises:
-            FieldError: The level is none of these, or a field cannot be stored.
-            StateError: The experiment is not started.
-        """
-        logs, fields = self._live().logs, {**(metadata or {}), **beside}
-        if message is None:
-            return logs.beside(fields)
-        logs.write(level, message, fields, sys._getframe(1))
-        return None
-
-    def episode(
-        self,
-        task: str | None = None,
-        *,
-        success: bool | None = None,
-        metadata: Mapping[str, Any] | None = None,
-        _ts: float | None = None,
-    ) -> OpenEpisode:
-        """Begin an episode: a try at a task, from here to its `end`, to the next episode, or to the end of the run.
-
-        Its rows are those that are appended meanwhile; `Recording.episodes` gives their times. As a context manager it
-        ends with the block, which may set its `success`; an exception marks it as failed, and goes on.
-
-        Args:
-            task: What is tried, in words.
-            success: Whether it succeeds, if that is known already.
-            metadata: Anything else, as JSON can say it.
-            _ts: First time stamp of its rows, in s; by default, the next one behind the last row.
-
-        Raises:
-            FieldError: The task, success or metadata cannot be stored.
-            TimestampError: `_ts` is not a time stamp.
-            StateError: The experiment is not started.
-
-        Example:
-            >>> with exp.episode(task="pick the cube", metadata={"seed": 7}) as episode:
-            ...     exp.tracks("robot").append(q=[0.1, 0.2], _ts=0.0)
-            ...     episode.success = True
-        """
-        return self._live().episodes.begin(task, success, metadata, _ts)
+        return self._open_live("files").files
 
     def flush(self) -> None:
         """Write everything taken so far to the file before returning."""
-        self._live().tracks.flush()
-
-    def stats(self) -> Stats:
-        """Return the recorder's figures: rows accepted, written, waiting and dropped, and more."""
-        return self._live().recorder.stats()
+        self._open_live("flush").tracks.flush()
 
     def _begin(self) -> Live[Track]:
         return Live(
             self.path, self.prefix, Track, metadata=self._said, timestamps=self._timestamps, options=self._options
         )
 
-    def _live(self) -> Live[Track]:
+    def _open_live(self, use: str) -> Live[Track]:
         live = self.run.live
         if live is None:
             raise self._not_started()

@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NoReturn, overload
+from typing import Any, NoReturn
 
-from .capture.stats import Stats
 from .errors import OptionError, StateError
 from .file_names import SESSION_ROOT as DEFAULT_ROOT
 from .options import RecorderOptions, arguments_of, misplaced
 from .run.dreamlake_files import SessionFile, SessionFiles
 from .run.dreamlake_tracks import SessionTrack
-from .run.episode_marks import OpenEpisode
 from .run.lifecycle import Run, choose_options, describe
 from .run.live import Live
-from .run.logs import Logs
 from .run.parameters import Parameters
+from .run.shared_methods import RunMethods
 from .run.tracks import Tracks
 from .store import safe_paths
 
 
-class Session:
+class Session(RunMethods):
     """A session that is recorded into `<local_path>/<workspace>/<name>/`: tracks, logs, parameters and files.
 
     It is a context manager, or is opened and closed by `open` and `close`; opening the same session again adds to
@@ -162,71 +159,6 @@ class Session:
         """Return the session's parameters: `session.parameters().set(learning_rate=1e-3)`."""
         return self._open_live("parameters").parameters
 
-    @overload
-    def log(
-        self, message: None = None, level: None = None, metadata: Mapping[str, Any] | None = None, **beside: Any
-    ) -> Logs: ...
-
-    @overload
-    def log(
-        self, message: object, level: str | None = None, metadata: Mapping[str, Any] | None = None, **beside: Any
-    ) -> None: ...
-
-    def log(
-        self,
-        message: Any = None,
-        level: str | None = None,
-        metadata: Mapping[str, Any] | None = None,
-        **beside: Any,
-    ) -> Logs | None:
-        """Log a message, or, without one, return a log whose messages get the given fields.
-
-        Args:
-            message: Text; it is recorded, not printed.
-            level: "info" (the default), "warn", "error", "debug" or "fatal".
-            metadata: Fields to keep with it, like `beside`.
-
-        Raises:
-            FieldError: The level is none of these, or a field cannot be stored.
-            StateError: The session is closed.
-        """
-        logs, fields = self._open_live("log").logs, {**(metadata or {}), **beside}
-        if message is None:
-            return logs.beside(fields)
-        logs.write(level, message, fields, sys._getframe(1))
-        return None
-
-    def episode(
-        self,
-        task: str | None = None,
-        *,
-        success: bool | None = None,
-        metadata: Mapping[str, Any] | None = None,
-        _ts: float | None = None,
-    ) -> OpenEpisode:
-        """Begin an episode: a try at a task, from here to its `end`, to the next episode, or to the end of the run.
-
-        Its rows are those that are appended meanwhile; `Recording.episodes` gives their times. As a context manager it
-        ends with the block, which may set its `success`; an exception marks it as failed, and goes on.
-
-        Args:
-            task: What is tried, in words.
-            success: Whether it succeeds, if that is known already.
-            metadata: Anything else, as JSON can say it.
-            _ts: First time stamp of its rows, in s; by default, the next one behind the last row.
-
-        Raises:
-            FieldError: The task, success or metadata cannot be stored.
-            TimestampError: `_ts` is not a time stamp.
-            StateError: The session is not open.
-
-        Example:
-            >>> with session.episode(task="pick the cube", metadata={"seed": 7}) as episode:
-            ...     session.track("robot").append(q=[0.1, 0.2])
-            ...     episode.success = True
-        """
-        return self._open_live("episode").episodes.begin(task, success, metadata, _ts)
-
     def files(self) -> SessionFiles:
         """Return the session's files, to upload to and to list."""
         return SessionFiles(self._open_live("files").files)
@@ -254,19 +186,15 @@ class Session:
             dest_path=dest_path,
         )
 
-    def stats(self) -> Stats:
-        """Return the recorder's figures: rows accepted, written, waiting and dropped, and more."""
-        return self._open_live("stats").recorder.stats()
-
     def _begin(self) -> Live[SessionTrack]:
         return Live(
             self.path, self._prefix, SessionTrack, metadata=self._said, timestamps="auto", options=self._options
         )
 
-    def _open_live(self, what: str) -> Live[SessionTrack]:
+    def _open_live(self, use: str) -> Live[SessionTrack]:
         live = self._run.live
         if live is None:
-            raise _closed(what)
+            raise _closed(use)
         return live
 
 

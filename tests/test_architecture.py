@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import subprocess
 import sys
-import threading
-from collections.abc import Callable
 from pathlib import Path
-from types import FrameType, ModuleType
-from typing import Any
+from types import ModuleType
 
 import pytest
 
-from ml_dash_mcap import Experiment, Recording, convert, file_names
+from ml_dash_mcap import file_names
+from tests.support.trips import ACTIONS
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "ml_dash_mcap"
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-CORPUS = Path(__file__).resolve().parent / "corpus" / "files"
 
 _FILE = re.compile(r"`((?:\w+/)*\w+\.py)`")
 
@@ -79,63 +77,17 @@ def test_a_trip_returns_to_no_room_that_it_left(trip: str) -> None:
         assert len(entered) == len(set(entered)), entered
 
 
-def append(folder: Path) -> None:
-    with Experiment(prefix="a/b/c", root=folder).run as experiment:
-        experiment.tracks("robot").append(q=[0.1, float("nan")], _ts=0.5)
-
-
-def read(folder: Path) -> None:
-    with Recording(CORPUS / "values-zstd") as recording:
-        assert recording["robot"].select(start=0.1, end=0.2, columns=["q"]).arrow().num_rows == 21
-
-
-def take_bag_in(folder: Path) -> None:
-    convert(CORPUS / "bag-sqlite", folder / "run")
-
-
-def write_bag(folder: Path) -> None:
-    convert(folder / "run", folder / "bag", format="rosbag2")
-
-
-def take_capture_in(folder: Path) -> None:
-    convert(CORPUS / "take.csv", folder / "run")
-
-
-ACTIONS: dict[str, list[Callable[[Path], None]]] = {
-    "One append": [append],
-    "One windowed read": [read],
-    "A bag in and out": [take_bag_in, write_bag],
-    "A motion capture import": [take_capture_in],
-}
-
-
-def files_run_by(action: Callable[[], None]) -> set[str]:
-    """The files of the package of which something runs while an action does, on any thread that it begins."""
-    codes: set[Any] = set()
-
-    def note(frame: FrameType, event: str, argument: object) -> None:
-        codes.add(frame.f_code)
-
-    threading.setprofile(note)
-    sys.setprofile(note)
-    try:
-        action()
-    finally:
-        sys.setprofile(None)
-        threading.setprofile(None)  # type: ignore[arg-type]
-    paths = {Path(code.co_filename) for code in codes}
-    return {path.relative_to(PACKAGE).as_posix() for path in paths if path.is_relative_to(PACKAGE)}
-
-
 def test_the_four_trips_are_all_there_are() -> None:
     assert {trip: len(ways) for trip, ways in trips().items()} == {trip: len(ways) for trip, ways in ACTIONS.items()}
 
 
 @pytest.mark.parametrize("trip", ACTIONS)
 def test_a_trip_is_what_the_code_does(trip: str, tmp_path: Path) -> None:
-    for way, action in zip(trips()[trip], ACTIONS[trip], strict=True):
-        ran = files_run_by(lambda action=action: action(tmp_path))  # type: ignore[misc]
-        assert [file for file in way if file not in ran] == []
+    for number, way in enumerate(trips()[trip]):
+        command = [sys.executable, "-m", "tests.support.trips", trip, str(number), str(tmp_path)]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert [file for file in way if file not in done.stdout.splitlines()] == []
 
 
 def test_the_page_names_every_metadata_record_and_own_topic() -> None:

@@ -167,7 +167,7 @@ def test_whatever_comes_between_each_row_is_in_the_episode_in_which_it_was_appen
                 expected.append([])
                 is_open = True
             elif step == "end":
-                exp._live().episodes.end_open()
+                exp.run.live.episodes.end_open()
                 is_open = False
             elif step == "flush":
                 exp.flush()
