@@ -185,6 +185,15 @@ class Codec(MessageCodec, Protocol):
     def padded(self, schema: bytes, length: int) -> bytes:
         """Return a schema with a padding that readers pass over, so that it has a length and can grow in place."""
 
+    def mended(self, schema: bytes) -> bytes | None:
+        """Return a valid schema in the place of one that a crash cut while it was rewritten in place.
+
+        Returns:
+            A schema of the same length, which need not describe any field; None if `schema` is whole, or if this
+            encoding cannot tell.
+        """
+        return None
+
     def cut(self, payloads: Sequence[bytes]) -> list[int]:
         """Return where each row's time stamp begins, with its key; it goes on to the end of the payload.
 

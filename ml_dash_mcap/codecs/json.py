@@ -76,6 +76,10 @@ class JsonCodec(Codec):
         """Return a JSON Schema with blanks behind it."""
         return json_schema.padded(schema, length)
 
+    def mended(self, schema: bytes) -> bytes | None:
+        """Return a JSON Schema of any object in the place of one that a crash cut."""
+        return json_schema.mended(schema)
+
     def cut(self, payloads: Sequence[bytes]) -> list[int]:
         """Return where each row's time stamp begins, with its key."""
         return [payload.rindex(json_merge.TIME_MARK) for payload in payloads]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import orjson
 
 from ..rows import schema
@@ -23,3 +25,14 @@ def of_shape(shape: Shape | None, title: str) -> bytes:
 def padded(text: bytes, length: int) -> bytes:
     """Return a schema with blanks behind it, which are no part of it."""
     return text.ljust(length)
+
+
+def mended(text: bytes) -> bytes | None:
+    """Return a schema of any object, as long as a text that is no whole schema; None if the text is whole."""
+    try:
+        if isinstance(json.loads(text), dict):  # not orjson, which refuses some of what other writers take for JSON
+            return None
+    except ValueError:
+        pass
+    bare = next((schema for schema in (b'{"type":"object"}', b"{}") if len(schema) <= len(text)), None)
+    return None if bare is None else padded(bare, len(text))

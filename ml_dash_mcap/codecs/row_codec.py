@@ -71,6 +71,11 @@ class RowCodec(Codec):
         """Return a JSON Schema with blanks behind it."""
         return json_schema.padded(schema, length)
 
+    def mended(self, schema: bytes) -> bytes | None:
+        """Return a JSON Schema of any object in the place of one that a crash cut."""
+        # An encoding with schemas in another language inherits this method too.
+        return json_schema.mended(schema) if self.schema_encoding == json_schema.ENCODING else None
+
     def cut(self, payloads: Sequence[bytes]) -> list[int]:
         """Return the start of each row, because the time stamp is found by decoding only."""
         return [0] * len(payloads)

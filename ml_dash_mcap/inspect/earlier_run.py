@@ -7,7 +7,7 @@ from pathlib import Path
 
 from .. import clock
 from ..errors import RecorderError
-from ..file_names import ABOUT_RECORD, OWN_TOPICS, SEGMENT_SUFFIX
+from ..file_names import OWN_TOPICS, SEGMENT_SUFFIX
 from ..query.file import File
 from . import run_metadata
 
@@ -40,7 +40,7 @@ def _tracks_span(path: Path) -> tuple[float, float] | None:
     """Return when a file of ours was begun and where its times end, in s; None without messages on a user's topic."""
     file = File(path)
     try:
-        metadata = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
+        metadata = file.about()
         counts = file.index.message_counts
         users = [id_ for id_, channel in file.index.channels.items() if not channel.topic.startswith(OWN_TOPICS)]
         if "run" not in metadata or not any(counts.get(id_) for id_ in users):

@@ -9,7 +9,7 @@ from typing import Any
 
 from .. import clock
 from ..errors import DamagedFileError, NotFoundError, OptionError
-from ..file_names import ABOUT_RECORD, ACTIVE_SUFFIX, OWN_TOPICS
+from ..file_names import ACTIVE_SUFFIX, OWN_TOPICS
 from ..query import counts
 from ..query.file import File
 from ..query.lazy_mapping import Lookup
@@ -112,7 +112,7 @@ def _run(index: int, name: str, files: Sequence[File], is_recorded: bool) -> Run
 
 def _about(file: File) -> dict[str, str]:
     try:
-        return next((dict(record.values) for record in file.metadata() if record.name == ABOUT_RECORD), {})
+        return file.about()
     except DamagedFileError:  # reading the metadata raises this again
         return {}
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import DamagedFileError
-from ..file_names import ABOUT_RECORD, KIND_KEY, TRACK
+from ..file_names import KIND_KEY, TRACK
 from ..mcap import audit, chunk_table
 from ..mcap.chunk_messages import ChunkContents, Messages
 from ..mcap.file_index import replanned
@@ -85,7 +85,7 @@ def read(
 def run_of(file: File) -> str | None:
     """Return the id of the recorder of this library that wrote a file; None for other tools' files."""
     try:
-        return next((record.values.get("run") for record in file.metadata() if record.name == ABOUT_RECORD), None)
+        return file.about().get("run")
     except DamagedFileError:  # reading the metadata raises this again
         return None
 

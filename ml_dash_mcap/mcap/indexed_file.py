@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..errors import DamagedFileError
-from ..file_names import ACTIVE_SUFFIX
+from ..file_names import ABOUT_RECORD, ACTIVE_SUFFIX
 from ..store.byte_source import ByteSource
 from ..store.local_file import LocalFile
 from . import limits, load_index, records
@@ -158,6 +158,10 @@ class IndexedFile:
         """Return the metadata records of a name, in the order of the file."""
         read = (self._read_metadata(entry) for entry in self.glance.metadata if entry.name == name)
         return [record for record in read if record is not None]
+
+    def about(self) -> dict[str, str]:
+        """Return the values of the first `ml_dash` metadata record, which says who recorded a segment; else nothing."""
+        return next((dict(record.values) for record in self.metadata() if record.name == ABOUT_RECORD), {})
 
     def note(self, offset: int, what: str, key: Hashable = None) -> None:
         """Note a fault of an index or of the statistics: the data are right, and nothing is lost.

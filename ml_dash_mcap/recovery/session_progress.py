@@ -7,16 +7,11 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from ..errors import DamagedFileError
-from ..file_names import ABOUT_RECORD, BLOCK_OPCODE, SEGMENT_SUFFIX, STEPS_RECORD
+from ..file_names import BLOCK_OPCODE, SEGMENT_SUFFIX, STEPS_RECORD
 from ..mcap.file_reader import McapFile
 from ..mcap.record_layout import PREFIX_BYTES, Fields, read_prefix
 from ..mcap.records import BLOCK_END
 from ..query.stored_topic import LAST_NS
-
-
-def about_of(file: McapFile) -> Mapping[str, str]:
-    """Return the `ml_dash` metadata record of a segment; empty where it has none."""
-    return next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
 
 
 def written_so_far(folder: Path, session: str) -> tuple[int, dict[str, int]]:
@@ -26,7 +21,7 @@ def written_so_far(folder: Path, session: str) -> tuple[int, dict[str, int]]:
     """
     blocks, rows = 0, dict[str, int]()
     for file in _newest_first(folder):
-        if about_of(file).get("run") != session:
+        if file.about().get("run") != session:
             if blocks:
                 break
             continue
@@ -51,7 +46,7 @@ def last_times(folder: Path, session: str, rows: Mapping[str, int]) -> dict[str,
         if wanted <= last_ns.keys():
             break
         try:
-            if about_of(file).get("run") == session:
+            if file.about().get("run") == session:
                 last_ns = {**_last_times_of(file, wanted - last_ns.keys(), rows), **last_ns}
         except DamagedFileError:  # a step back between the two blocks is not counted, and nothing else is lost
             continue
@@ -70,7 +65,7 @@ def whole_blocks(file: McapFile) -> tuple[int, int]:
             content = file.source.read(at + PREFIX_BYTES, length)
             if len(content) == length:
                 return BLOCK_END.read(Fields(content, file.source.name)).number + 1, number
-    return int(about_of(file).get("first_block", 0)), 0
+    return int(file.about().get("first_block", 0)), 0
 
 
 def _newest_first(folder: Path) -> Iterator[McapFile]:

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import DamagedFileError
+from ..codecs import codec_table, json_schema
+from ..codecs.codec import Codec
+from ..errors import DamagedFileError, EncodingError
 from ..file_names import ACTIVE_SUFFIX, SEGMENT_SUFFIX
 from ..mcap import chunk_messages
 from ..mcap.file_index import FileIndex
 from ..mcap.file_reader import McapFile
 from ..mcap.file_writer import WrittenContents
 from ..mcap.message_records import MessageIndex, index_entries, pack_message_index
-from ..mcap.record_layout import PREFIX_BYTES, Fields, read_prefix
-from ..mcap.records import CHANNEL, MAGIC, SCHEMA, Chunk, Opcode, Schema
+from ..mcap.record_layout import PREFIX_BYTES, read_prefix
+from ..mcap.records import CHANNEL, MAGIC, SCHEMA, Chunk, Opcode
 from ..mcap.segment import Segment
-from .session_progress import about_of, whole_blocks
+from .session_progress import whole_blocks
 
 
 def unfinished(folder: Path, session: str, stamp: str) -> Iterable[Path]:
@@ -44,7 +46,7 @@ def _run_of(path: Path) -> str | None:
     except DamagedFileError:
         return None
     try:
-        return about_of(file).get("run")
+        return file.about().get("run")
     finally:
         file.close()
 
@@ -59,7 +61,8 @@ def finish(path: Path, journaled: Collection[int]) -> Path:
     file = McapFile(path)
     try:
         index = file.index
-        torn = _torn_schemas(file)
+        texts = _mended_schemas(index)
+        torn = _schema_offsets(file, texts)
         if index.finished and not torn:
             finished = path.with_name(path.name.removesuffix(ACTIVE_SUFFIX))
             path.rename(finished)
@@ -68,7 +71,8 @@ def finish(path: Path, journaled: Collection[int]) -> Path:
         chunks = index.chunks if blocks not in journaled else index.chunks[:kept]
         contents = _contents(index, chunks)
         for number in torn:
-            contents.schemas[number] = _bare(contents.schemas[number])
+            # A text of the same length, so that nothing behind it moves.
+            contents.schemas[number] = SCHEMA.pack(replace(index.schemas[number], data=texts[number]))
         last = chunks[-1] if chunks else None
         rebuilt: dict[int, bytes] = {}
         size = index.end if len(chunks) == len(index.chunks) else index.chunks[kept].offset
@@ -99,33 +103,42 @@ def torn_chunk_bytes(path: Path) -> int:
         file.close()
 
 
-def _torn_schemas(file: McapFile) -> dict[int, int]:
-    """Return where those schemas lie, by id, that a crash cut while they were rewritten in place."""
-    torn = {number for number, schema in file.index.schemas.items() if not _is_json(schema)}
+def _mended_schemas(index: FileIndex) -> dict[int, bytes]:
+    """Return a valid text for each schema, by id, that a crash cut while it was rewritten in place."""
+    codecs = {channel.schema_id: _codec(channel.message_encoding) for channel in index.channels.values()}
+    texts: dict[int, bytes] = {}
+    for number, schema in index.schemas.items():
+        codec = codecs.get(number)
+        if codec is not None and codec.schema_encoding == schema.encoding:
+            text = codec.mended(schema.data)
+        else:
+            text = json_schema.mended(schema.data) if schema.encoding == json_schema.ENCODING else None
+        if text is not None and len(text) == len(schema.data):
+            texts[number] = text
+    return texts
+
+
+def _codec(encoding: str) -> Codec | None:
+    """Return the codec of an encoding that rows can be recorded in; None if there is none here."""
+    try:
+        codec = codec_table.find(encoding)
+    except EncodingError:  # its package is not installed
+        return None
+    return codec if isinstance(codec, Codec) else None
+
+
+def _schema_offsets(file: McapFile, numbers: Collection[int]) -> dict[int, int]:
+    """Return where the first Schema records of some ids lie, by id."""
     offsets: dict[int, int] = {}
     at = len(MAGIC)
-    while torn - set(offsets) and at < file.index.end:
+    while set(numbers) - set(offsets) and at < file.index.end:
         opcode, length = read_prefix(file.source.read(at, PREFIX_BYTES), 0)
         if opcode == Opcode.SCHEMA:
             number = int.from_bytes(file.source.read(at + PREFIX_BYTES, 2), "little")
-            if number in torn:
+            if number in numbers:
                 offsets[number] = at
         at += PREFIX_BYTES + length
     return offsets
-
-
-def _is_json(schema: Schema) -> bool:
-    try:
-        return schema.encoding != "jsonschema" or isinstance(json.loads(schema.data), dict)
-    except ValueError:
-        return False
-
-
-def _bare(record: bytes) -> bytes:
-    """Return a Schema record of the same length whose text tells only that messages are objects."""
-    schema = SCHEMA.read(Fields(record, "", 0, PREFIX_BYTES))
-    # JSON allows spaces at its end, so the record keeps its length and nothing behind it moves.
-    return record[: len(record) - len(schema.data)] + b'{"type":"object"}'.ljust(len(schema.data))
 
 
 def _contents(index: FileIndex, chunks: Iterable[Chunk]) -> WrittenContents:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,9 @@ from ml_dash_mcap.codecs import json as json_codec
 from ml_dash_mcap.codecs.encoded_channel import Row
 from ml_dash_mcap.codecs.row_codec import RowCodec
 from ml_dash_mcap.errors import OptionError, TopicError, UndecodedWarning
+from ml_dash_mcap.mcap.file_reader import McapFile
+from ml_dash_mcap.mcap.records import Schema
+from ml_dash_mcap.recovery.unfinished_segments import finish
 from ml_dash_mcap.rows.shape import Shape
 from tests.support import disk
 
@@ -46,6 +50,9 @@ class ToyCodec(RowCodec):
 
     def padded(self, schema: bytes, length: int) -> bytes:
         return schema.ljust(length, b"\n")
+
+    def mended(self, schema: bytes) -> bytes | None:
+        return None if schema.isascii() else b"\n" * len(schema)
 
 
 CODEC = ToyCodec()
@@ -84,6 +91,69 @@ def test_a_toy_encoding_is_recorded_merged_read_and_exported(tmp_path: Path) -> 
     with Recording(tmp_path / "copy") as recording:
         assert [repr(row) for row in recording["arm"].rows()] == [repr(row) for row in rows]
         assert recording.topics["arm"].encoding == ENCODING
+
+
+@pytest.mark.usefixtures("toys")
+@pytest.mark.parametrize(
+    ("encoding", "bare"),
+    [("json", b'{"type":"object"}'), ("cbor", b'{"type":"object"}'), (ENCODING, b"")],
+)
+def test_a_schema_that_a_crash_cut_while_it_grew_is_replaced_by_one_without_fields(
+    tmp_path: Path, encoding: str, bare: bytes
+) -> None:
+    path = active_segment(tmp_path, encoding)
+    before = disk_schema(path)
+    content = path.read_bytes()
+    path.write_bytes(content.replace(before.data, (b"\xff" + before.data[1:])))
+    with Recording(finish(path, ())) as recording:
+        assert list(recording["arm"].rows()) == [{"grip": 1, "_ts": 1.0}]
+    after = disk_schema(path.with_suffix(""))
+    assert (after.data.strip(), len(after.data), after.encoding) == (bare, len(before.data), before.encoding)
+
+
+@pytest.mark.usefixtures("toys")
+@pytest.mark.parametrize("encoding", ["json", "cbor", ENCODING])
+def test_a_whole_schema_stays_as_it_is_when_a_segment_is_finished(tmp_path: Path, encoding: str) -> None:
+    path = active_segment(tmp_path, encoding)
+    before = disk_schema(path)
+    finish(path, ())
+    assert disk_schema(path.with_suffix("")) == before
+
+
+def test_an_encoding_with_schemas_of_its_own_that_does_not_know_torn_ones_keeps_them() -> None:
+    class Plain(RowCodec):
+        schema_encoding = "toyschema"
+        encode_row = staticmethod(encoded)
+        decode = staticmethod(decode)
+
+    assert Plain().mended(b"no JSON") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "length"), [(b"", None), (b"{", None), (b'{"a', 3), (b"[1]", 3), (b'{"type":"o' * 3, 30)]
+)
+def test_a_json_schema_is_mended_where_there_is_room(text: bytes, length: int | None) -> None:
+    mended = json_codec.CODEC.mended(text)
+    assert (None if mended is None else len(mended)) == length
+    assert mended is None or json.loads(mended) in ({}, {"type": "object"})
+
+
+def active_segment(folder: Path, encoding: str) -> Path:
+    """Return a segment as a recorder that dies leaves it."""
+    (folder / "dead").mkdir()
+    with Recorder(folder / "run", RecorderOptions(encoding=encoding)) as recorder:
+        recorder.topic("arm").append(grip=1, _ts=1.0).flush()
+        [active] = (folder / "run").glob("*.active")
+        return Path(shutil.copy(active, folder / "dead"))
+
+
+def disk_schema(path: Path) -> Schema:
+    file = McapFile(path)
+    try:
+        [schema] = file.index.schemas.values()
+        return schema
+    finally:
+        file.close()
 
 
 def test_an_encoding_that_nobody_knows_is_carried_as_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

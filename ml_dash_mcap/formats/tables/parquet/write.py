@@ -10,7 +10,6 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ....file_names import ABOUT_RECORD
 from ....inspect import run_metadata, topics
 from ....inspect.topics import TopicInfo
 from ....query.file import File
@@ -162,5 +161,5 @@ def _about(files: Sequence[File], info: TopicInfo, *, is_flat: bool) -> TableAbo
 
 def _source(file: File) -> dict[str, str]:
     """Return who recorded a file; nothing for a file of another program."""
-    about = next((record.values for record in file.metadata() if record.name == ABOUT_RECORD), {})
+    about = file.about()
     return {key: about[key] for key in ("prefix", "run", "host", "library") if key in about}
