@@ -44,7 +44,7 @@ class PreparedBlock:
     """
 
     number: int
-    """Its number among the session's blocks with rows; without rows, that of the next block with rows."""
+    """Its number among the session's blocks with rows. Without rows, it is the number of the next such block."""
     rows: Rows | None
     """Its Message records, with the arrays `channels`, `times` (ns), `starts` and `ends` over them, each [N]; None
     where it holds metadata only."""

@@ -242,7 +242,7 @@ class SegmentSink:
                 segment.add_metadata(DROPS_RECORD, {topic: str(count) for topic, count in drops.items()})
             self._drops_written = drops
         self.finish_segment()
-        while self._set_aside:  # what a failed sync did to them is unknown; it is not asked for again
+        while self._set_aside:  # a failed sync may have lost data; syncing again could falsely succeed
             self.finished.append(self._set_aside[-1].finish(sync=False))
             self._set_aside.pop()
         while self._litter:

@@ -198,7 +198,7 @@ class Writer:
     def _sync(self) -> None:
         try:
             self._segments.sync()
-        except OSError as error:  # what the system did with the data is unknown; never ask it twice
+        except OSError as error:  # a failed sync may have lost data, and a second one could falsely succeed
             _log.error("syncing %s failed: %s; the recording goes on in a new segment", self._segments.folder, error)
             self._segments.set_aside()
 

@@ -201,7 +201,7 @@ class Codec(MessageCodec, Protocol):
         """
 
     def keys_of(self, payload: bytes) -> frozenset[str]:
-        """Return a row's top-level keys, that of the time stamp among them."""
+        """Return a row's top-level keys, including the time stamp's key."""
 
     def time_of(self, payload: bytes) -> float:
         """Return the time stamp, in seconds, without decoding the rest."""

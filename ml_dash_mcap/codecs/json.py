@@ -130,7 +130,7 @@ class JsonCodec(Codec):
         """Encode a row that was read."""
         try:
             encoded = orjson.dumps(row)
-        except TypeError:  # it has bytes, arrays or lone surrogates
+        except TypeError:  # the row has bytes, arrays or lone surrogates
             return json_text.exact_as_read(row)
         return json_text.exact_as_read(row) if b"null" in encoded else encoded  # orjson writes NaN as null
 

@@ -30,7 +30,7 @@ def flatten(table: pa.Table, *, are_own: bool) -> dict[str, pa.Array] | None:
 
 
 def _put(flat: dict[str, pa.Array], name: str, array: pa.Array, are_own: bool) -> bool:
-    """Add a column, or those of a dict's keys; returns whether that lost nothing."""
+    """Add a column, or a column for each key of a dict; returns whether nothing was lost."""
     if pa.types.is_struct(array.type) and array.null_count < len(array):
         inner = zip([array.type.field(at).name for at in range(array.type.num_fields)], array.flatten(), strict=True)
         return all(_put(flat, f"{name}.{key}", child, are_own) for key, child in inner)

@@ -69,10 +69,10 @@ def _type_of_dicts(dicts: Shape, *, is_in_list: bool) -> pa.DataType | None:
 
 
 def widened(before: Shape | None, latest: Shape) -> Shape:
-    """Return the shape in whose types to read on, after lines that the types of those before did not hold.
+    """Return the shape for reading on, after lines that did not fit the types of the lines before.
 
     Args:
-        before: Of those before; None if there are none.
+        before: The shape of the lines before; None if there are none.
         latest: Of the latest lines, which alone count where no type holds the values of both.
     """
     if before is None:

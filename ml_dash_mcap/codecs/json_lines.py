@@ -199,7 +199,7 @@ def _decoded(payloads: Sequence[bytes]) -> list[dict[str, Any]] | None:
 
 
 def _some_rows(payloads: Sequence[bytes]) -> list[dict[str, Any]]:
-    """Return a few rows from all over the payloads, of those that pyarrow is to read."""
+    """Return a few rows from all over the payloads, without rows that pyarrow does not read."""
     # Rounded up, so that at most _FEW rows come.
     rows = _decoded(payloads[:: -(-len(payloads) // _FEW)])
     return [] if rows is None else [row for row in rows if EXACT_KEY not in row]
@@ -226,7 +226,7 @@ def _has_path(row: Mapping[str, Any], path: str) -> bool:
 
 
 def _present(names: Sequence[str], first: Mapping[str, Any], text: bytes) -> list[str]:
-    """Return those of some keys that stand somewhere in the lines, perhaps in a text.
+    """Return the keys in `names` that stand somewhere in the lines, perhaps in a text.
 
     To search the lines for each of them would take a time that is quadratic in their number.
 

@@ -323,7 +323,7 @@ Spans = tuple[Offsets, Offsets]
 
 
 def _cut_keys(at: Offsets, kept: Bytes) -> Spans:
-    """Return where those keys lie that have lost bytes: `q1` and `q2` are different.
+    """Return the places of keys that have lost digits, because `q1` and `q2` are different keys.
 
     Args:
         at: Where in the block the bytes lie that are kept.
@@ -339,7 +339,7 @@ def _cut_keys(at: Offsets, kept: Bytes) -> Spans:
 
 
 def _rows_with_backslash(at: Offsets, kept: Bytes, starts: Offsets, ends: Offsets) -> Spans:
-    """Return where those rows lie in which a quote may be text: all their bytes are kept."""
+    """Return the places of rows in which a quote may be part of a text. All bytes of these rows are kept."""
     backslashes = at[np.flatnonzero(kept == _BACKSLASH)]
     rows = np.unique(np.searchsorted(starts, backslashes, side="right") - 1)
     return starts[rows], ends[rows] - 1

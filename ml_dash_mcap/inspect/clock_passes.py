@@ -29,7 +29,7 @@ class Counted:
     merged: int = 0
     """Rows that were merged with one of the same time from before such a step."""
     overwritten: int = 0
-    """Those among them that brought fields which the earlier row had too."""
+    """Merged rows that brought fields which the earlier row had, too."""
 
     def __add__(self, other: Counted) -> Counted:
         """Return the figures of both together."""

@@ -156,7 +156,7 @@ class Report:
     findings: tuple[Finding, ...]
     """The worst first; one for each kind and topic."""
     topics: tuple[str, ...]
-    """Those that were looked at."""
+    """The topics that were checked."""
     spacings: tuple[Spacings, ...]
     """How far apart the rows of each topic are, by topic; measured, and nothing wrong by itself."""
 

@@ -109,7 +109,7 @@ def limit_ns(spacings_ns: Times) -> float:
 
 
 def _on_grid(spacings_ns: Times, usual_ns: float, within: float = _ON_GRID) -> npt.NDArray[np.bool_]:
-    """Tell which spacings are within a part of the usual one of a multiple of it."""
+    """Tell which spacings lie close to a multiple of the usual spacing, within a part of it."""
     times = spacings_ns / max(usual_ns, 1.0)
     is_near: npt.NDArray[np.bool_] = np.abs(times - np.maximum(np.round(times), 1.0)) <= within
     return is_near

@@ -109,7 +109,7 @@ def info(topic: StoredTopic) -> TopicInfo:
 
 
 def _fields(topic: StoredTopic, schema: Mapping[str, Any], first_row: Mapping[str, Any] | None) -> dict[str, Field]:
-    """Return the fields that the schema has, and those of the first row that it leaves out."""
+    """Return the fields of the schema, and the fields of the first row that the schema leaves out."""
     fields = topic_schema.fields(schema)
     if first_row is None:
         return fields

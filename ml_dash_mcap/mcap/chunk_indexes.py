@@ -211,7 +211,7 @@ def _is_sound(run: npt.NDArray[np.void], data_end: int) -> npt.NDArray[np.bool_]
 
 
 def _compression(run: npt.NDArray[np.void], good: npt.NDArray[np.bool_]) -> str | None:
-    """Return how those that are sound are compressed; None where none is, or that is no name."""
+    """Return the compression of the sound records; None if no record is sound, or its name is not text."""
     if not good.any():
         return None
     try:

@@ -168,7 +168,7 @@ def contents(data: bytes, indexes: Sequence[MessageIndex] | None, chunk: Chunk, 
 
     Args:
         data: Its records.
-        indexes: Those stored behind it, of all channels in it; None if they cannot be read.
+        indexes: The message indexes stored behind it, for all its channels; None if they cannot be read.
         chunk: Which one.
         path: The file, for error messages.
 

@@ -133,7 +133,7 @@ class McapFile(IndexedFile):
 
         Args:
             chunk: Which one.
-            channel_ids: Of the channels; those without messages get nothing.
+            channel_ids: The ids of the channels. Channels without messages get nothing.
             start_ns: First log time, in ns.
             end_ns: Last log time, included, in ns.
             span: The chunk's bytes and those of its message indexes, if they have been read already.

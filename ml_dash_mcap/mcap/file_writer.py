@@ -97,7 +97,7 @@ class FileWriter(Generic[Place]):
         """Go on with a file.
 
         Args:
-            output: Where its bytes go, behind those that are there.
+            output: Where its bytes go, behind the bytes that are there.
             contents: The contents that are there already; None for an empty file.
         """
         self.output = output

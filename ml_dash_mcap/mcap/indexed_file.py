@@ -229,7 +229,7 @@ class IndexedFile:
         return True
 
     def adopt(self, index: FileIndex) -> None:
-        """Replace the index by one that is true."""
+        """Replace the index by a corrected index."""
         with self._loading_lock:
             self._index = index
             self._metadata.clear()

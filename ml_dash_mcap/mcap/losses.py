@@ -61,7 +61,7 @@ class Losses:
         self.add((offset, key or what), Loss(Path(path), offset, what, 0, corrected=True))
 
     def add_message(self, key: Hashable, message: int, loss: Loss) -> None:
-        """Note once that a message is lost; those of one key are one loss.
+        """Note once that a message is lost. All messages of one key are one loss.
 
         Args:
             key: Tells the loss from others.

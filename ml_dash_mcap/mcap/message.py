@@ -78,7 +78,7 @@ class MessageBlock:
         )
 
     def part(self, first: int, last: int) -> MessageBlock:
-        """Return those from one on and before another."""
+        """Return the messages from number `first` up to `last`, which is not included."""
         which = slice(first, last)
         return MessageBlock(
             self.channels[which],
@@ -92,7 +92,7 @@ class MessageBlock:
         """Return the same with other numbers of channels.
 
         Args:
-            numbers: Those of all of its channels, to the new ones. They may be any: nothing is indexed by them.
+            numbers: The old numbers of all its channels, to the new numbers. They may be any numbers.
         """
         old = np.array(sorted(numbers), np.int64)
         new = np.array([numbers[number] for number in old.tolist()], np.int64)

@@ -107,7 +107,7 @@ def pack(block: SealedBuffer) -> Rows:
 
 
 def split(rows: Rows, own_bytes: int) -> list[Rows]:
-    """Return the rows of each channel that has `own_bytes` or more, by channel, and those of all others together, last.
+    """Return the rows of each channel with `own_bytes` or more, by channel, and last all other rows together.
 
     They are copied, unless all stay together. `uniform` is not kept.
     """

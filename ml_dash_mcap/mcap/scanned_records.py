@@ -87,7 +87,7 @@ class FileWindow:
 class ScannedRecords:
     """The chunks and all other records of a data section so far.
 
-    The last chunk's maps grow in place; those of chunks before it stay as they are.
+    The last chunk's maps grow in place. The maps of earlier chunks do not change.
     """
 
     def __init__(self, window: FileWindow) -> None:
@@ -154,7 +154,7 @@ class ScannedRecords:
             self.attachments.append(entry)
         is_known = opcode in _IN_DATA or (opcode, length) == (BLOCK_OPCODE, 8)
         if not is_known and self.chunks and at == self.chunks[-1].indexes_end:
-            self.doubt()  # it may have been a message index
+            self.doubt()  # the record may have been a message index
 
     def doubt(self) -> None:
         """Rely no more on the message indexes behind the last chunk: its own records will be scanned."""

@@ -33,7 +33,7 @@ class Segment(FileWriter[FileOutput]):
             active_path: The file, with its `ACTIVE_SUFFIX`.
             output: The same, opened.
             contents: Its contents; None for an empty file.
-            torn_schemas: Where those Schema records lie that `contents` has other text for, by id.
+            torn_schemas: The places of Schema records for which `contents` has other text, by id.
         """
         super().__init__(output, contents)
         self.active_path = active_path
@@ -78,7 +78,7 @@ class Segment(FileWriter[FileOutput]):
             active_path: The file, with its `ACTIVE_SUFFIX`.
             size: How much of it is sound, in bytes; the rest is cut off.
             contents: The contents of the sound part.
-            torn_schemas: Where those Schema records lie that `contents` has other text for, by id.
+            torn_schemas: The places of Schema records for which `contents` has other text, by id.
         """
         return cls(active_path, FileOutput(active_path, os.O_RDWR, size), contents, torn_schemas)
 

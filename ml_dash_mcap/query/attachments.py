@@ -40,7 +40,7 @@ class Attachment:
 
 
 class Attachments(Lookup[Attachment]):
-    """Names, sorted, to attachments; of several of one name, the one that was written last."""
+    """Attachments by name, sorted. If several have one name, the last one that was written counts."""
 
     def __init__(self, attachments: Sequence[Attachment]) -> None:
         """Give attachments, which are in the order of writing, by their names."""
@@ -49,7 +49,7 @@ class Attachments(Lookup[Attachment]):
         self._attachments = tuple(attachments)
 
     def list(self) -> list[Attachment]:
-        """Return all of them, in the order of writing, those of one name too."""
+        """Return all attachments in the order of writing, also several of one name."""
         return list(self._attachments)
 
 

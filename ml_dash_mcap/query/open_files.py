@@ -18,7 +18,7 @@ class Segments:
     """The open files of a recording. Any thread may read them; only one thread at a time may refresh or close.
 
     Attributes:
-        files: Those that were chosen, in the order of writing.
+        files: The chosen files, in the order of writing.
         all: All of them, in the order of writing.
     """
 

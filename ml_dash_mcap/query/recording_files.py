@@ -52,7 +52,7 @@ def segments(path: Path, *, is_known: bool = False) -> list[Path]:
 
 
 def in_writing_order(names: Iterable[str]) -> list[str]:
-    """Return the names of segments among those of a folder's files, in the order of writing."""
+    """Return the names of segments among the names of a folder's files, in the order of writing."""
     by_stem: dict[str, str] = {}
     for name in sorted(filter(is_segment, names)):  # "x.mcap" comes before "x.mcap.active" and wins
         by_stem.setdefault(name.removesuffix(ACTIVE_SUFFIX), name)

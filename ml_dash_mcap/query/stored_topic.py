@@ -145,7 +145,7 @@ class StoredTopic:
 
 
 def _is_same(state: _State, before: _State) -> bool:
-    """Whether the indexes are those of before, uncorrected since."""
+    """Whether the indexes are the same objects as before, and were not corrected since."""
     return len(state) == len(before) and all(
         now[0] is then[0] and now[1] == then[1] for now, then in zip(state, before, strict=True)
     )

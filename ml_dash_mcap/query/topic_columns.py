@@ -297,7 +297,7 @@ def _chosen(blocks: list[Block], keep: npt.NDArray[np.bool_]) -> list[Block]:
 
 
 def _times(column: Any, times_ns: npt.NDArray[np.uint64]) -> npt.NDArray[np.float64]:
-    """Return the exact time stamps: those of the rows, and the log times where those are something else."""
+    """Return the exact time stamps: the rows' own ones, or the log times where these do not fit."""
     if column is None or not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
         return np.array(clock.to_seconds_each(times_ns.tolist()))
     if column.null_count:

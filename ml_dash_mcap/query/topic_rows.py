@@ -157,7 +157,7 @@ def decode(
         decoders: Of the channels met so far; gets new ones.
 
     Yields:
-        A row for each message; None for one that is lost or left out, where that is wanted.
+        A row for each message; None for a message that is lost or left out, if the options allow that.
 
     Raises:
         DamagedFileError: A payload is not in the encoding that its channel announces.

@@ -85,7 +85,7 @@ def recover_folder(folder: Path) -> Recovered:
             continue
         try:
             done += _recover_session(folder, lock)
-        except Exception as error:  # whatever is wrong with one session, the others and this folder's user go on
+        except Exception as error:  # a fault of one session must not stop the others, or opening the folder
             _log.warning("the leftovers of a crashed recorder in %s stay as they are: %r", folder, error)
             done += Recovered(left=[session_file])
         finally:

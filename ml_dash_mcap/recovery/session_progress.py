@@ -54,7 +54,7 @@ def last_times(folder: Path, session: str, rows: Mapping[str, int]) -> dict[str,
 
 
 def whole_blocks(file: McapFile) -> tuple[int, int]:
-    """Return how many blocks a session has up to the last whole one in a file, and how many of its chunks those are."""
+    """Return the number of blocks up to the last whole block in a file, and the number of chunks up to there."""
     chunks = file.index.chunks
     for number in range(len(chunks), 0, -1):
         chunk = chunks[number - 1]

@@ -235,7 +235,7 @@ class _Numbers:
 
 
 def _to_arrow(rows: Floats, usable: Flags, is_number: Flags) -> Any:
-    """Return values, those of the usable rows, as a column."""
+    """Return the values of the usable rows as a column, null in all other rows."""
     shape = rows.shape[1:]
     if not shape:
         values = np.zeros(len(usable))

@@ -35,7 +35,7 @@ def lengths_of(values: Shape) -> Lengths | None:
 
 
 def limited(lengths: Lengths) -> Lengths:
-    """Return lengths, or those of one column where they would take too many."""
+    """Return the lengths, or `ONE_COLUMN` if they would take too many columns."""
     return lengths if 0 < math.prod(lengths) <= MOST_COLUMNS else ONE_COLUMN
 
 

@@ -78,7 +78,7 @@ def _of_pandas(column: Any) -> Any:
     if dtype is None or not hasattr(column, "isna"):
         return column
     kind = getattr(dtype, "kind", "O")
-    if hasattr(dtype, "byteorder"):  # one of numpy's
+    if hasattr(dtype, "byteorder"):  # a dtype of numpy
         return column.to_numpy() if kind in _NUMBERS else _listed(column)
     if kind in _NUMBERS and not column.isna().any():
         return column.to_numpy(dtype=_numpy_type(dtype))

@@ -36,7 +36,7 @@ def _decoded(column: pa.ChunkedArray) -> npt.NDArray[Any]:
 
 
 def doubles(array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """Return numbers as doubles, those that are masked as NaN."""
+    """Return numbers as doubles, with NaN for masked ones."""
     if not isinstance(array, np.ma.MaskedArray):
         return array.astype(np.float64)
     return np.where(np.ma.getmaskarray(array), np.nan, np.ma.getdata(array).astype(np.float64))

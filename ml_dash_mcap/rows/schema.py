@@ -74,7 +74,7 @@ def to_json(rows: Shape, title: str) -> dict[str, Any]:
         title: The topic's name.
     """
     schema = _object(rows, [MAX_FIELDS])
-    schema["properties"][TIME_KEY] = {"type": "number"}  # whatever else has no room
+    schema["properties"][TIME_KEY] = {"type": "number"}  # always there, even if other fields have no room
     return {"type": "object", "title": title, **schema}
 
 

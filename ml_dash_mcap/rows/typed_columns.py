@@ -69,7 +69,7 @@ def shape_of(column: Column) -> Shape:
 
 
 def values_of(column: Column) -> list[Any]:
-    """Return a column's values as Python objects, those that are JSON text decoded."""
+    """Return a column's values as Python objects; JSON text is decoded."""
     values: list[Any] = column.array.to_pylist()
     return [None if text is None else from_text(text) for text in values] if column.is_text else values
 

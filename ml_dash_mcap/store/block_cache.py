@@ -29,7 +29,7 @@ class BlockCache:
         self._bytes = 0
 
     def get(self, owner: int, numbers: Iterable[int]) -> dict[int, bytes]:
-        """Return those of an object's blocks that are kept, by their numbers."""
+        """Return the blocks of an object that are kept, by their numbers."""
         with self._cache_lock:
             kept = {number: self._blocks.get((owner, number)) for number in numbers}
             blocks = {number: block for number, block in kept.items() if block is not None}

@@ -110,7 +110,7 @@ class ObjectSource:
         return fetched[0]
 
     def _kept(self, numbers: Sequence[int]) -> dict[int, bytes]:
-        """Return blocks by their numbers. Those that are not in the cache are fetched."""
+        """Return blocks by their numbers. Blocks that are not in the cache are fetched."""
         blocks = _blocks.get(self._owner, numbers)
         missing = {number for number in numbers if number not in blocks}
         if not missing:

@@ -79,7 +79,7 @@ class Store(Protocol):
         """Store an object if none has the name: of several callers at once, one does; returns its version.
 
         Raises:
-            DestinationExistsError: One has.
+            DestinationExistsError: An object has the name already.
         """
 
     def replace(self, name: str, content: Content, version: str) -> str:
