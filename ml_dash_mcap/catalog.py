@@ -31,8 +31,8 @@ class CatalogEntry:
     path: Path
     """Its folder; in a store, its name as a PurePosixPath."""
     status: str
-    """How the run ended: "completed", "failed" or "cancelled"; "died" if nobody said. "recording" while it is recorded.
-    Where no run was: "finished", or "unfinished" if a file lacks its end. "damaged" if something cannot be read."""
+    """How the run ended: "completed", "failed" or "cancelled"; "died" if no end is recorded; "recording" until then.
+    Without a run: "finished", or "unfinished" if a file lacks its end. "damaged" if something cannot be read."""
     start: float | None = None
     """Time of the first message, in s; None if there is none."""
     end: float | None = None
@@ -44,7 +44,7 @@ class CatalogEntry:
     bytes: int = 0
     """The size of the files."""
     problem: str | None = None
-    """What is damaged, in words; None if nothing is."""
+    """A description of the damage; None without damage."""
 
     @property
     def duration(self) -> float:

@@ -105,11 +105,11 @@ _OF_RECORDINGS = [
     for name, parameter in inspect.signature(Recording).parameters.items()
     if parameter.kind is parameter.KEYWORD_ONLY
 ]
-"""What a recording can be opened with, such as `on_damage`."""
+"""The options of opening a recording, such as `on_damage`."""
 
 
 _OF_MCAP_ALONE = {"on_damage", "limits"}
-"""What makes no difference to formats without chunks, of which `Recording` takes it too."""
+"""Options of `Recording` that have no meaning for formats without chunks, and are accepted for them all the same."""
 
 
 def _options_of_reading(src: str | Path, format: str, options: Mapping[str, Any]) -> dict[str, Any]:

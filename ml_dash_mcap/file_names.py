@@ -5,7 +5,7 @@ from __future__ import annotations
 EXPERIMENT_ROOT = ".dash"
 SESSION_ROOT = ".dreamlake"
 DEFAULT_ROOTS = (EXPERIMENT_ROOT, SESSION_ROOT)
-"""The folders of all runs, where nobody says another one: ml-dash's and dreamlake's."""
+"""The default folders of all runs: ml-dash's and dreamlake's."""
 
 SEGMENT_SUFFIX = ".mcap"
 

@@ -39,7 +39,7 @@ class RecorderOptions:
     reads, or "cbor" (with the extra `cbor`), which only readers of CBOR do. Logs, metrics and episodes stay JSON."""
 
     compression: Compression = "zstd"
-    """What chunks are compressed with."""
+    """The compression of chunks."""
 
     compression_level: int | None = None
     """The compressor's own level. None takes the fastest that still compresses numbers well (zstd 1, lz4 0)."""

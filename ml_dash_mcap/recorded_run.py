@@ -53,7 +53,7 @@ class RecordedRun(RecordedTopics):
 
     @property
     def losses(self) -> list[Loss]:
-        """What was found damaged so far and left out, each loss once, however often it was met.
+        """The damage that was found and left out so far, each loss once, however often it was met.
 
         A chunk is verified when it is read, so read everything to know all of it. Counts and times of topics are those
         that the files announce, with what turned out to be lost.
@@ -92,7 +92,7 @@ class RecordedRun(RecordedTopics):
 
     @property
     def run(self) -> dict[str, str]:
-        """What is known about the run, such as its `status`: what was said last counts."""
+        """The description of the run, such as its `status`. The last value of each entry counts."""
         return run_metadata.run(self._opened())
 
     @property
@@ -111,7 +111,7 @@ class RecordedRun(RecordedTopics):
 
     @property
     def params(self) -> dict[str, Any]:
-        """The parameters, by dotted name: what was set last counts."""
+        """The parameters, by dotted name. The last value of each counts."""
         return run_metadata.parameters(self._opened())
 
     @property
@@ -128,7 +128,7 @@ class RecordedRun(RecordedTopics):
 
     @property
     def files(self) -> list[Row]:
-        """What was said about the files that were saved with the run, in time order."""
+        """The descriptions of the files that were saved with the run, in time order."""
         return self._rows(FILE_TOPIC)
 
     @property

@@ -37,7 +37,7 @@ class RecordedTopics(Mapping[str, TopicReader]):
 
     @property
     def path(self) -> Path:
-        """What was opened; of several, the first. In a store, a pure path."""
+        """The path that was opened; of several paths, the first. In a store, a pure path."""
         return self._files.paths[0]
 
     @property
@@ -160,7 +160,7 @@ def stored_topic(recording: RecordedTopics, topic: str) -> StoredTopic:
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """What a topic's reader knows of its recording."""
+    """The part of a recording that the reader of a topic sees."""
 
     files: Callable[[], Sequence[File]]
     info: Callable[[str], TopicInfo]

@@ -45,7 +45,7 @@ class Selection:
     """
 
     _part: TopicPart
-    """What is asked for, as the reading code has it."""
+    """The part of the topic, in the form of the reading code."""
     _info: Callable[[], TopicInfo]
 
     @property

@@ -21,7 +21,7 @@ _TICK_S = 1e-6
 
 
 class LastUsed(Protocol):
-    """What holds the last time stamp that was used."""
+    """An object that holds the last time stamp that was used."""
 
     lock: Any
     last_s: float | None
@@ -127,7 +127,7 @@ class Automatic:
 
 
 def _to_float(given: Any) -> float | None:
-    """Return a number as a float; None for what is no number (a bool is a mistake)."""
+    """Return a number as a float; None for a value that is no number (a bool counts as a mistake)."""
     if isinstance(given, (bool, str, bytes)) or given is None:
         return None
     # `float()` would also take an array of one element, and a datetime64 as its number of units.

@@ -51,7 +51,7 @@ _RENAMED = {"start_timestamp": "start", "end_timestamp": "end"}
 
 
 class Source(Protocol):
-    """What a reader knows of its recording."""
+    """The part of a recording that a reader needs."""
 
     def files(self) -> Sequence[File]:
         """Return the files, in the order of writing.

@@ -12,7 +12,7 @@ import orjson
 
 
 def print_json(facts: Any) -> None:
-    """Print facts as JSON; what is not finite is null."""
+    """Print facts as JSON. NaN and infinities are printed as null."""
     try:
         text = orjson.dumps(facts, option=orjson.OPT_INDENT_2, default=str).decode()
     except TypeError:  # an integer beyond 64 bits

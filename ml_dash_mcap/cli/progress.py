@@ -13,10 +13,10 @@ Report = Callable[[int, int], object]
 
 @contextlib.contextmanager
 def shown(what: str) -> Iterator[Report | None]:
-    """Give what is called with the rows done and the rows in all; None where nobody would see it.
+    """Give a function that takes the rows done and the rows in all; None without a terminal.
 
     Args:
-        what: Is being done.
+        what: The task, as it is shown.
     """
     if not sys.stderr.isatty():
         yield None

@@ -38,7 +38,7 @@ def add_no_recover(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(text: str) -> str | int:
-    """Return a run's number, or its id; ids are hexadecimal, so one of digits only is told by its length."""
+    """Return a run's number, or its id. An id of digits only is recognised by its length."""
     digits = text.removeprefix("-")
     return int(text) if digits.isdecimal() and len(digits) <= _DIGITS else text
 

@@ -31,7 +31,7 @@ class Job:
     high: float = math.inf
     """Last time stamp, included, in s."""
     about: Mapping[str, Any] = field(default_factory=dict)
-    """What is known of the run: `params`, and what `Recording.run` says."""
+    """The description of the run: `params`, and the entries of `Recording.run`."""
     progress: Progress | None = None
 
     def stored(self, topic: str) -> StoredTopic:

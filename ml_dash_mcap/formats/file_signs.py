@@ -18,7 +18,7 @@ VICON_SECTIONS = (
     "Bones",
     "Events",
 )
-"""What the first line of a section of Vicon's says."""
+"""The titles of sections in files of Vicon: the first line of each."""
 
 QTM_FIRST_LINE = re.compile(r'[ \t"]*(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS)"? *[\t,;]')
 """Ends with the separator."""

@@ -16,7 +16,7 @@ Sign = Callable[["FileStart"], bool]
 
 
 class FileStart:
-    """What lies at a path that exists. Each part is read once, when it is first asked for."""
+    """The beginning of a file, or the names in a folder. Each part is read once, when it is first asked for."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -42,7 +42,7 @@ class FileStart:
 
     @cached_property
     def inside(self) -> tuple[Path, ...]:
-        """What lies in a folder; nothing for a file."""
+        """The paths in a folder; none for a file."""
         return tuple(self.path.iterdir()) if self.path.is_dir() else ()
 
 

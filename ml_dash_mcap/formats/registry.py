@@ -26,7 +26,7 @@ Reference: TypeAlias = str | Callable[..., Any]
 """A function or class; or where it lies below this folder, such as "tables.csv.read:record", to be imported later."""
 
 Ability = Literal["read", "write", "stream", "render"]
-"""What a format can be asked to do."""
+"""The abilities that a format may have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +86,7 @@ class Format:
 
 
 _PACKAGE = r"[^/]+/(package\.xml|CMakeLists\.txt|msg/[^/]+\.msg)"
-"""What defines the messages in a bag."""
+"""The files of the package that defines the messages of a bag."""
 
 _BAG_FILES = r"[^/]+\.(mcap|db3|db3-wal|db3-shm|mcap\.zstd|db3\.zstd)"
 
@@ -254,7 +254,7 @@ def find(name: str | None, ability: Ability) -> Format | None:
 
 
 def hint(name: object, ability: Ability) -> str:
-    """Return what to say of a format that is not there: the one that was meant, and all there are."""
+    """Return the end of an error message for an unknown format: the format that was probably meant, and all formats."""
     return f"{did_you_mean(name, names(ability))} the formats are {', '.join(names(ability))}".strip()
 
 

@@ -1,1 +1,1 @@
-"""What a field is: its quantity, unit and frame."""
+"""The meaning of a field: its quantity, unit and frame."""

@@ -19,7 +19,7 @@ class FieldMeaning:
     """A kind of field: all fields that measure the same quantity."""
 
     names: tuple[str, ...]
-    """What they are called, in small letters, the likeliest first. Fields may have them in capitals."""
+    """The names of such fields in lower case, the likeliest first. Capitals in a field's name do not matter."""
     quantity: str | tuple[str, str] | None = None
     """The quantity that they measure, a key of `units.UNITS`; or the quantities of the two halves of the numbers."""
     shapes: tuple[Shape, ...] = ()
@@ -87,7 +87,7 @@ class PoseFields(NamedTuple):
     """Fields that say where something is and how it is turned."""
 
     owner: str
-    """What they belong to: "tcp" of `tcp_pos`, "T_base_ee" of such a matrix; "" if the names do not say it."""
+    """The owner of the pose: "tcp" for `tcp_pos`, "T_base_ee" for such a matrix; "" if the names do not tell it."""
     position: str
     orientation: str | None
     """None if `position` is the whole pose."""

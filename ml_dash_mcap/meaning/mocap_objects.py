@@ -53,7 +53,7 @@ class NumberSource:
 
     fields: tuple[Path, ...]
     shape: tuple[int, ...]
-    """Of each field's value."""
+    """The shape of each field's value."""
     start: int = 0
     stop: int | None = None
 
@@ -79,13 +79,13 @@ class Body:
     rotation: NumberSource | None
     """The quaternion; None if `position` is a 4x4 matrix."""
     order: str = "xyzw"
-    """Of the quaternion's numbers."""
+    """The order of the quaternion's numbers."""
     error: NumberSource | None = None
     """The mean error of its markers, a length."""
 
     @property
     def path(self) -> Path:
-        """What its fields' names have in common, for those of a matrix."""
+        """The path of its field, for a body that is given as a matrix."""
         return self.position.fields[0]
 
 

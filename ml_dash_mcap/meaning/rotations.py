@@ -17,7 +17,7 @@ FAR_FROM_ONE = 1e-2
 """A quaternion whose length differs from 1 by more is no rotation."""
 
 CLOSE_TO_ONE = 1e-6
-"""One whose length differs from 1 by no more is left as it is: Motive itself writes six decimals."""
+"""A quaternion whose length differs from 1 by no more is left as it is: Motive itself writes six decimals."""
 
 
 def to_xyzw(quaternions: Floats, order: str) -> Floats:

@@ -43,7 +43,7 @@ SPELLINGS: Mapping[str, str] = {
     **dict.fromkeys(("rad", "radian", "radians"), "rad"),
     **dict.fromkeys(("deg", "degree", "degrees"), "deg"),
 }
-"""Other spellings of units, in small letters; whoever writes them out may use capitals."""
+"""Other spellings of units, in lower case. Capitals are accepted as well."""
 
 DECIMALS: Mapping[str, int] = {"m": 0, "cm": 2, "mm": 3}
 """Units of length that files of others have, to how many decimals the point moves to the right from metres.

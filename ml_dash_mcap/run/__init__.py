@@ -1,1 +1,1 @@
-"""What a run has, whichever words its user speaks: its life, tracks, parameters, metrics, logs and files."""
+"""The parts of a run, for ml-dash's and dreamlake's interfaces: life, tracks, parameters, metrics, logs and files."""

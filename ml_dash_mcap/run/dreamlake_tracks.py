@@ -25,7 +25,7 @@ DEFAULT_LIMIT = 1000
 
 
 class PointWindow(TypedDict, total=False):
-    """What `read` takes besides the numbers of points."""
+    """The arguments of `read` besides the numbers of points."""
 
     start_timestamp: Seconds
     """First time stamp, included, in s."""
@@ -127,7 +127,7 @@ class SessionTrack(BoundTopic):
             start_index: The first one wanted, counted from the first point of the time range.
             limit: How many at most; by default 1000 points as JSON, and everything in the other formats.
             part: `start_timestamp` and `end_timestamp`, in s, both included, and `columns`, as `Track.read` has them.
-            format: "json" for what is said below; "jsonl", "parquet", "mocap" and "mcap" as `Track.read` has them.
+            format: "json" for the dict below; "jsonl", "parquet", "mocap" and "mcap" as `Track.read` has them.
 
         Returns:
             `data`, a list of `{"index", "data", "createdAt"}` whose data are nested as given and have `_ts`;

@@ -52,7 +52,7 @@ class Episodes:
         """End the episode that is still open, if there is one.
 
         Args:
-            has_failed: Whether the run has failed, and with it an episode of which nobody said otherwise.
+            has_failed: Whether the run has failed. An open episode without a stated success then fails too.
         """
         with self._lock:
             episode, self._open = self._open, None
@@ -112,7 +112,7 @@ class OpenEpisode:
         """First time stamp of its rows, in s; None if the recorder has had no row yet: then its first one."""
         self.task = task
         self.success = success
-        """Whether it succeeded; may be set until it ends. None where nobody says."""
+        """Whether it succeeded; may be set until it ends. None if that is not stated."""
         self.metadata = metadata
         """Anything else; may be changed until it ends."""
         self._mark(start)
@@ -197,10 +197,10 @@ _WORDS = ("task", "success", "metadata")
 
 
 def _check(task: Any, success: Any, metadata: Any) -> tuple[str | None, bool | None, dict[str, Any]]:
-    """Return what was said of an episode.
+    """Return the checked description of an episode.
 
     Raises:
-        FieldError: It is not what it should be.
+        FieldError: A value has a wrong type.
     """
     if task is not None and not isinstance(task, str):
         raise FieldError(f"task={task!r}: the task of an episode is a text")

@@ -42,7 +42,7 @@ class FileRows(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Details:
-    """What a caller says about a file."""
+    """The description of a file that a caller gives."""
 
     description: str | None = None
     tags: tuple[str, ...] = ()
@@ -50,7 +50,7 @@ class Details:
     metadata: dict[str, Any] | None = None
 
     def fields(self) -> dict[str, Any]:
-        """Return what was said, as fields of a row; what was not is left out."""
+        """Return the description as fields of a row, without the parts that were not given."""
         row: dict[str, Any] = {"description": self.description, "tags": list(self.tags), "bindrs": list(self.bindrs)}
         row["metadata"] = self.metadata
         return {name: value for name, value in row.items() if value}
@@ -138,7 +138,7 @@ class FileStore:
         Args:
             path: The file in the store.
             to: The new file, or a folder that exists.
-            expected: The SHA-256 that it was saved with; empty if nobody knows.
+            expected: The SHA-256 that it was saved with; empty if it is unknown.
 
         Raises:
             NotFoundError: There is no such file.
@@ -156,7 +156,7 @@ class FileStore:
     def list(self, below: PurePosixPath) -> list[dict[str, Any]]:
         """Return what is known about each file below a folder, or about that file, sorted by path.
 
-        The disk says which files there are, the recording what was said about them.
+        The files come from the disk, and their descriptions from the recording.
         """
         rows = self._last_rows()
         return [self._description(rows.get(str(path)) or self._measured(path)) for path in self._walk(below)]

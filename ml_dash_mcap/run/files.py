@@ -22,7 +22,7 @@ from . import images
 from .file_store import Details, FileStore
 
 Description = dict[str, Any]
-"""What is known of one file, in ml-dash's shape: id, path (its folder), filename, description, tags, bindrs,
+"""The description of one file, in ml-dash's shape: id, path (its folder), filename, description, tags, bindrs,
 contentType, sizeBytes, checksum (SHA-256), metadata, uploadedAt, updatedAt (ISO 8601, UTC) and deletedAt."""
 
 Descriptions = list[Description]

@@ -44,7 +44,7 @@ class Run(Generic[OwnerT, TrackT]):
         self._owner = owner
         self._begin = begin
         self.live: Live[TrackT] | None = None
-        """What the run consists of while it is recorded, else None."""
+        """The parts of the run while it is recorded, else None."""
         self.status: Status | None = None
         """How the run stands; None before its first start."""
 

@@ -13,7 +13,7 @@ from ..rows.result_dicts import Page, Point
 from . import utc
 
 CHUNK_SIZE = 10_000
-"""What both packages report as the number of points after which a server archives them; nothing here depends on it."""
+"""The number of points after which both packages' servers archive them. It is reported, and has no effect here."""
 
 
 def page(rows: Iterable[dict[str, Any]], start_index: int, limit: int, begun_s: float) -> Page:
@@ -60,7 +60,7 @@ def created(seconds: float, begun_s: float) -> str:
 
 
 def appended(track: str, start_index: int, count: int) -> dict[str, Any]:
-    """Return what a batch, or a flush, has added to a track.
+    """Return the report of a batch, or of a flush, that added rows to a track.
 
     Args:
         track: Its name.
@@ -85,7 +85,7 @@ def stats(
     times_s: tuple[float, float] | None,
     begun_s: float,
 ) -> dict[str, Any]:
-    """Return what is known of a track or metric as a whole.
+    """Return the description of a track or metric as a whole.
 
     Args:
         id_key: "trackId" or "metricId".

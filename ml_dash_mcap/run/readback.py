@@ -19,7 +19,7 @@ from ..rows.field_choice import check_columns
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What is known of one topic."""
+    """The description of one topic."""
 
     count: int = 0
     """Rows, after merging those of one time stamp."""

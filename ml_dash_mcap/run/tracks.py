@@ -30,7 +30,7 @@ class BoundTopic(Topic):
     _readback: Readback
 
     def bind(self, readback: Readback) -> None:
-        """Say where to read; called by whoever opens the topic."""
+        """Set the place where rows are read; called by the code that opens the topic."""
         self._readback = readback
 
     def note_flush(self) -> None:

@@ -28,7 +28,7 @@ class Supply:
     """Distributions that it may come from."""
     is_ros1: bool = False
     digest: str = ""
-    """What the channel says of its type: "RIHS01_...", or an MD5 sum; empty if nothing."""
+    """The hash of the type that the channel states: "RIHS01_...", or an MD5 sum; empty if it states none."""
 
     def text(self, name: str) -> str | None:
         """Return the definition that was given for a type, or for the service or action that it is a part of."""
@@ -57,7 +57,7 @@ class Finder:
 
     @property
     def digest(self) -> str:
-        """What the channel says of the message that is looked for."""
+        """The hash that the channel states for the message that is looked up."""
         return self._supply.digest
 
     def __call__(self, name: str) -> LookedUp | None:
@@ -127,7 +127,7 @@ def settled(name: str, text: str, supply: Supply) -> Supply:
 def complete(name: str, schema_encoding: str, text: str, supply: Supply) -> tuple[str, str]:
     """Return a schema from which any reader can read a message: its encoding, and its text with all that it needs.
 
-    What is there already stays as it is; what was given for the message itself comes in its place.
+    The text of the schema stays as it is, but a definition that was given for the message itself replaces it.
 
     Args:
         name: Of the message.
@@ -136,7 +136,7 @@ def complete(name: str, schema_encoding: str, text: str, supply: Supply) -> tupl
         supply: Where the rest comes from.
 
     Raises:
-        EncodingError: Nobody knows the message, or one in it.
+        EncodingError: The message, or a message in it, is unknown.
     """
     find = Finder(supply, name)
     given = supply.text(name)

@@ -56,7 +56,7 @@ class LookedUp(NamedTuple):
 
 
 Find = Callable[[str], "LookedUp | None"]
-"""Looks up a message by its canonical name; None where nobody knows it."""
+"""Looks up a message by its canonical name; returns None for an unknown message."""
 
 
 def nowhere(name: str) -> None:
@@ -89,7 +89,7 @@ def complete(name: str, text: str, *, is_ros1: bool = False, find: Find = nowher
     The arguments are those of `parse`.
 
     Raises:
-        EncodingError: It is no definition, or lacks one that nobody knows.
+        EncodingError: It is no definition, or lacks an unknown one.
     """
     root = canonical(name)
     sections = _sections(root, text)

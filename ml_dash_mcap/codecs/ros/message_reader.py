@@ -44,7 +44,7 @@ _DEPTH = 40
 def reader(definitions: Definitions, wire: Wire, *, default: str = "final", replaces: bool = False) -> Read:
     """Return a function that reads a message.
 
-    What lies at places known beforehand is read with one call of `struct`; numbers in lists are read with numpy.
+    Values at fixed places are read with one call of `struct`; numbers in lists are read with numpy.
 
     Args:
         definitions: The message and those in it.
@@ -70,7 +70,7 @@ class _Compiler:
         # No builtins: the code is made from a definition that may come from outside. Its names enter the code only as
         # `repr`.
         self._names: dict[str, Any] = {"__builtins__": {}, **pieces(wire, replaces=replaces)}
-        """What the functions may refer to."""
+        """The names that the compiled functions may refer to."""
         self._elements: dict[Type, str] = {}
 
     def function(self, type_: Type, alignment: int) -> Read:
@@ -133,7 +133,7 @@ class _Body:
         """The place is known to be `_rest` modulo `_modulus`."""
         self._runs = self._count = self._size = 0
         self._format: list[str] = []
-        """Of the run, which holds `_count` values in `_size` bytes."""
+        """The format of the run for `struct`. The run holds `_count` values in `_size` bytes."""
 
     # -- values --------------------------------------------------------------------------------------------------------
 

@@ -60,7 +60,7 @@ def find(name: str, likely: Likely, *, is_ros1: bool = False, digest: str = "") 
         name: With its package, such as "sensor_msgs/Range".
         likely: The distributions of ROS 2 to look at.
         is_ros1: Whether it is ROS 1, of which Noetic is looked at.
-        digest: What the bag says of the type: "RIHS01_...", or an MD5 sum in ROS 1; empty if it does not.
+        digest: The hash that the bag states: "RIHS01_...", or an MD5 sum in ROS 1; empty if it states none.
 
     Raises:
         EncodingError: No distribution has it, or has it with that digest.

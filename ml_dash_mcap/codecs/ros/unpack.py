@@ -32,7 +32,7 @@ def unpack(definitions: Definitions, messages: list[bytes], *, is_ros1: bool = F
 
     Raises:
         ValueError: The bytes are not messages of this definition; or they are in another CDR than plain CDR of one byte
-            order, or have what is not read by columns.
+            order, or have types that are not read by columns.
     """
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
     data = np.frombuffer(b"".join(messages), np.uint8)

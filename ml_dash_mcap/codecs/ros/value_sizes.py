@@ -16,7 +16,7 @@ _MOST_ITEMS = 100_000
 """The longest fixed array of messages whose size is computed in advance."""
 
 _SIZE_BYTES = 4
-"""Of the number before a message that begins with its size."""
+"""The bytes of the size that stands before an appendable message."""
 
 _MOST_BYTES = 1 << 30
 """A least size is cut to this: no message is larger, and products of larger numbers would overflow 64 bits."""

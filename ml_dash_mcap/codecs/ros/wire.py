@@ -12,7 +12,7 @@ class Wire:
     """A serialization format."""
 
     order: Literal["<", ">"]
-    """Of the bytes of a number: "<" for little-endian, ">" for big-endian."""
+    """The byte order of numbers: "<" for little-endian, ">" for big-endian."""
     alignment: int
     """Numbers lie at multiples of their size, or of so many bytes if they are larger. Nothing is aligned to 1."""
     is_version_2: bool = False
@@ -29,10 +29,10 @@ ROS1 = Wire("<", 1)
 """http://wiki.ros.org/ROS/Technical%20Overview: little-endian, packed."""
 
 CDR = Wire("<", 8)
-"""What ROS 2 sends (https://www.omg.org/spec/DDSI-RTPS/2.5, section 10.2)."""
+"""The format that ROS 2 sends (https://www.omg.org/spec/DDSI-RTPS/2.5, section 10.2)."""
 
 CDR_HEAD = b"\0\1\0\0"
-"""What a payload in CDR begins with (section 10.2 too), here for what ROS 2 sends; alignment counts from behind it."""
+"""The first bytes of a payload that ROS 2 sends in CDR (section 10.2 too). Alignment counts from behind them."""
 
 CDR_HEAD_BYTES = len(CDR_HEAD)
 

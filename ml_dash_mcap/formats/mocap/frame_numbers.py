@@ -32,11 +32,11 @@ class Spacing:
 
     median_ns: float
     mean_ns: float
-    """Of the distances that are no gaps."""
+    """The mean of the distances that are no gaps."""
     shortest_ns: int
     longest_ns: int
     worst_ns: int
-    """Time of the sample whose distance from the one before is off by most, in ns."""
+    """Time of the sample whose distance from the sample before it is farthest from even, in ns."""
     frames: Times | None
     """The number of each sample at a constant rate, from 0; None if they are not evenly spaced."""
 

@@ -12,7 +12,7 @@ import orjson
 from ...meaning.mocap_objects import Body, Joint, Marker, NumberSource, Path
 
 NOTE_KEY = "ML Dash Note"
-"""What the note is called in a header of pairs; its value is JSON."""
+"""The key of the note in a header of pairs; its value is JSON."""
 
 _VERSION = 1
 
@@ -25,17 +25,18 @@ class Placement:
     path: Path
     shape: tuple[int, ...]
     columns: tuple[int, ...]
-    """Of each of its numbers, row by row if it is a matrix; counted from 0, without those of frame and time."""
+    """The column of each of its numbers, a matrix row by row. Columns count from 0, without those of frame and time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """What a file says of the recording that it came from, so that it can become that again."""
+    """The description of a recording in a file that was made of it, by which the file becomes the recording again."""
 
     origin: float
     """The time stamp at which the file's times start, in s."""
     up: str | None = None
-    """Which axis points up in the file, if it was turned; what does in the recording, each topic's metadata says."""
+    """The axis that points up in the file, if topics were turned. The metadata of each topic has the recording's
+    axis."""
     placements: tuple[Placement, ...] = ()
     metadata: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Of the topics."""

@@ -14,7 +14,7 @@ def shifts(note: Note | None, decimals: int, columns: int, lengths: Set[int]) ->
     """Return by how many places the decimal point of each column moves to the right.
 
     Args:
-        note: What the file says of the recording; None for a file of another tool, whose lengths become metres.
+        note: The note of the file; None for a file of another tool, whose lengths become metres.
         decimals: Of the file's unit of length: by how many places the point moves from metres.
         columns: How many there are.
         lengths: Those of them that are lengths.
@@ -44,7 +44,7 @@ def turn_back(
 
     Args:
         numbers: [N, C].
-        note: What the file says of the recording.
+        note: The note of the file.
         points: The columns of each position, x y z.
         rotations: The columns of each quaternion, x y z w.
     """

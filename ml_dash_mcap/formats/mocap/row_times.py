@@ -32,7 +32,7 @@ class Timing:
     base: float = 0.0
     """In s, as the file counts."""
     source: str = ""
-    """Which times these are, in words; "" for the printed ones."""
+    """A description of the source of the times; "" for printed times."""
     shift: float = 0.0
     """By how much all times were moved, so that none is below 0, in s."""
 
@@ -44,7 +44,7 @@ class Timing:
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """What was done with the times, for the metadata of topics; nothing if they are the printed ones."""
+        """How the times were made, for the metadata of topics; empty for printed times."""
         done: dict[str, Any] = {}
         if self.source:
             done["time_source"] = self.source

@@ -59,7 +59,7 @@ _HALVES = (
     ("yb", "yh"),
     ("rn", "in"),
 )
-"""What stands for the two halves of a day in the languages of CLDR that Windows has, without blanks and points."""
+"""The words for the two halves of a day in CLDR's languages that Windows has, without blanks and points."""
 
 _MORNING = {before for before, _ in _HALVES}
 _AFTERNOON = {after for _, after in _HALVES}
@@ -73,7 +73,7 @@ _TIME = re.compile(r"(?<!\d)(\d{1,2})[.,:](\d\d)[.,:](\d\d)(?:[.,:](\d{1,9}))?(?
 def read(path: Path, text: str, key: str, timezone: str) -> float | None:
     """Return the moment that a header names, in s since 1970; None if it names none.
 
-    What is not understood draws a warning.
+    A text that is not understood draws a warning.
 
     Args:
         path: The file, for the warning.
@@ -121,6 +121,6 @@ def _seconds(text: str, timezone: str) -> float | None:
 
 
 def _plain(text: str) -> str:
-    """Return the letters of a word in small ones, without blanks, points, commas and quotes of any kind."""
+    """Return a word in lower case, without blanks, points, commas and quotes of any kind."""
     composed = unicodedata.normalize("NFC", text.casefold())
     return "".join(letter for letter in composed if unicodedata.category(letter)[0] in "LM")

@@ -39,7 +39,7 @@ class FrameWindow:
 
 @dataclass(frozen=True, slots=True)
 class OutgoingTake:
-    """What is to be written, and on which clock."""
+    """The objects that are written to a file, and the clock that they are on."""
 
     job: Job
     options: TakeOptions

@@ -31,12 +31,12 @@ class ClockPart(NamedTuple):
 
     frames: npt.NDArray[np.int64]
     times: npt.NDArray[np.float64]
-    """Of the frames, as `_ts`, in s; without a sample, a time between the neighbours."""
+    """The times of the frames, as `_ts`, in s. A frame without a sample has a time between its neighbours."""
 
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Which frames there are, and when."""
+    """The frames of a take and their times."""
 
     origin: float
     """The time stamp from which the file's times count, in s."""
@@ -47,7 +47,7 @@ class Clock:
     medians_ns: dict[str, float]
     """The median distance of each topic's samples, in ns."""
     times_ns: npt.NDArray[np.int64]
-    """Of all samples, ascending, if they are written as they are."""
+    """The times of all samples, ascending, if they are written as they are; else empty."""
     numbers: npt.NDArray[np.int64]
     """The frame of each of them."""
     first_s: float

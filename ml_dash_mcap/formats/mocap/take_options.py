@@ -33,7 +33,7 @@ class MotiveReadOptions(TakeReadOptions):
     """How CSV files of Motive are read."""
 
     timezone: str = "UTC"
-    """Of the file's start time, for it does not say: an IANA name."""
+    """The time zone of the file's start time, which the file does not state: an IANA name."""
     length_units: Literal["m", "cm", "mm"] | None = None
     """Of the file, instead of what it says."""
 
@@ -51,7 +51,7 @@ class QtmReadOptions(ViconReadOptions):
     """How TSV files of QTM are read."""
 
     timezone: str = "UTC"
-    """Of the file's time stamp, for it does not say: an IANA name."""
+    """The time zone of the file's time stamp, which the file does not state: an IANA name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +72,7 @@ class StoReadOptions(TakeReadOptions):
     """How storage files are read."""
 
     topic: str | None = None
-    """What to call the topic; by default "joints", for quaternions "orientations", for vectors "vectors"."""
+    """The name of the topic; by default "joints", for quaternions "orientations", for vectors "vectors"."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +85,7 @@ class WideReadOptions(TakeReadOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class TakeOptions:
-    """What makes a take of a recording. A format has those of these options that its class takes."""
+    """The options of making a take of a recording. A format has those that its class takes."""
 
     rate: Rate = None
     """Frames a second, or "median", to resample to. None for the rows as they are: they must be evenly spaced, but in
@@ -97,7 +97,7 @@ class TakeOptions:
     canonical: bool = field(default=True, init=False)
     """Whether quaternions are negated to follow each other without jumps."""
     quat_order: Literal["xyzw", "wxyz"] | None = field(default=None, init=False)
-    """Of the recording's quaternions, if its metadata does not say it."""
+    """The order of the recording's quaternions, if its metadata does not state it."""
     on_bad: Literal["raise", "missing"] = field(default="raise", init=False)
     """Whether a quaternion or matrix that is no rotation is an error, or missing."""
 
@@ -111,7 +111,7 @@ class TakeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class TextOptions(TakeOptions):
-    """What makes a text file of a take."""
+    """The options of writing a take as a text file."""
 
     decimals: int | None = None
     """How many each number has; None for as many as it needs to come back the same."""
@@ -167,7 +167,7 @@ class MocapWriteOptions(ViconWriteOptions):
     """"motive" has rigid bodies and markers, for whatever reads Motive's exports. "wide" has one column a number, for
     topics of any numbers, and `_ts` as its time; only `rate` and `decimals` count there."""
     format_version: Literal["1.23", "1.25"] = "1.23"
-    """Of Motive; "1.25" has a row of parents."""
+    """The version of Motive's format; "1.25" has a row of parents."""
     length_units: Literal["m", "cm", "mm"] = "m"
     """Of the file."""
     joints: Literal["sto", "columns"] | None = "sto"

@@ -25,14 +25,14 @@ class Points:
     take: OutgoingTake
     things: tuple[Body | Marker, ...]
     columns: tuple[int, ...]
-    """Of the take: x y z of each of them."""
+    """The columns of the take with x y z of each point."""
     shifts: tuple[int, ...]
     """By how many places the decimal point of each column moves to the right to have the unit of the file."""
     note: Note
 
     @property
     def names(self) -> list[str]:
-        """Of the points, without tabs and ends of lines."""
+        """The names of the points, without tabs and ends of lines."""
         return [re.sub(r"[\t\r\n]+", " ", thing.name).strip(" ") for thing in self.things]
 
     def of(self, values: Floats) -> Floats:

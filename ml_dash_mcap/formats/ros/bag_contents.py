@@ -30,7 +30,7 @@ class BagFile(Protocol):
 
     @property
     def losses(self) -> list[str]:
-        """What was left out so far because it is damaged, in words."""
+        """Descriptions of the damaged parts that were left out so far."""
 
     @property
     def corrections(self) -> list[str]:
@@ -53,13 +53,13 @@ class Bag(Protocol):
     format: str
     """"rosbag1" or "rosbag2"."""
     distro: str
-    """Name of the ROS distribution that recorded it; empty if nobody says."""
+    """Name of the ROS distribution that recorded it; empty if it is not stated."""
     version: int
-    """Of its metadata; 0 if it has none."""
+    """The version of its metadata; 0 without metadata."""
     text: str
-    """Of the whole `metadata.yaml`; empty if there is none."""
+    """The whole text of `metadata.yaml`; empty without the file."""
     custom: Mapping[str, str]
-    """What somebody wrote about the bag, by key."""
+    """The custom data of the bag, by key."""
     channels: list[Connection]
     """Those of all files, each once."""
     count: int

@@ -66,9 +66,9 @@ class RosbagWriteOptions:
     time_offset: float = 0.0
     """Added to all times, in s; rows come back with their own."""
     package: str = "ml_dash_msgs"
-    """What the package of our messages is called."""
+    """The name of the package that defines our messages."""
     frame_id: str = ""
-    """Of topics whose metadata has none."""
+    """The frame of topics whose metadata states none."""
     tf: bool = False
     """Whether to send the first pose of each topic on `/tf` too."""
     on_bad: Literal["raise", "lossless"] = "raise"
@@ -102,7 +102,7 @@ class Rosbag1WriteOptions(RosbagWriteOptions):
     """How ROS 1 bags are written."""
 
     compression: Literal["none", "bz2", "lz4"] = "none"
-    """Of the bag's chunks."""
+    """The compression of the bag's chunks."""
 
     def __post_init__(self) -> None:
         choices = ("none", "bz2", "lz4")
@@ -116,14 +116,14 @@ class Rosbag2WriteOptions(RosbagWriteOptions):
     """How rosbag2 folders are written."""
 
     storage: Literal["mcap", "sqlite3"] = "mcap"
-    """Of the bag's files."""
+    """The format of the bag's files."""
     distro: str | None = None
     """The ROS 2 distribution that will read it; "humble" needs metadata that is older than "jazzy"'s. None for the one
     that recorded the messages, if they came from a bag, or else "jazzy"."""
     split_bytes: int | None = None
     """A new file starts when one has grown to this size; None for one file."""
     compression: Literal["zstd", "lz4", "none"] | None = None
-    """Of MCAP chunks; None for "zstd". SQLite knows only "none"."""
+    """The compression of MCAP chunks; None for "zstd". SQLite files have only "none"."""
 
     def __post_init__(self) -> None:
         if self.storage not in ("mcap", "sqlite3"):

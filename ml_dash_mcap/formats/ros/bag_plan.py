@@ -57,7 +57,7 @@ class Outlet:
     definitions: Definitions = field(default=Definitions("", {}), repr=False)
     """How its messages are serialised; empty for those that are carried."""
     carried: Connection | None = field(default=None, repr=False)
-    """What a topic is whose messages are carried as they are."""
+    """The channel of a topic whose messages are carried as they are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +225,7 @@ class Planner:
                 )
 
     def _uneven(self, topic: str, way: tuple[MessageField, ...]) -> str:
-        """Say which is the first row where a field's length differs from the one before."""
+        """Return words that name the first row where the length of a field differs from that of the row before."""
         number, length = 0, None
         for part in exact_blocks.read(self._job.stored(topic), self._job.low, self._job.high):
             for row in part if isinstance(part, list) else arrow_blocks.to_rows(part):

@@ -20,7 +20,7 @@ class Types:
         """Begin.
 
         Args:
-            decoding: What the caller says of types, and what happens where nobody knows one.
+            decoding: The caller's definitions, and the treatment of unknown types.
             likely: The distributions of ROS 2 that may have recorded the bag.
         """
         self.decoding = decoding
@@ -35,7 +35,7 @@ class Types:
         return self._known[channel]
 
     def is_unknown(self, channel: Connection) -> bool:
-        """Whether nobody knows what its messages, which are ROS's, are made of."""
+        """Whether a channel has messages of ROS whose definition is unknown."""
         described = self.described(channel)
         return channel.message_encoding in ("cdr", "ros1") and not (described.definition or described.schema_encoding)
 

@@ -54,7 +54,7 @@ class Carrier:
             prefix: What the names of its files start with.
             types: What is known of the bag's types.
             wanted: Which of the bag's channels to copy.
-            keeps_all_files: Whether files without such channels are copied too, for what else is in them.
+            keeps_all_files: Whether files without such channels are copied too, for their other contents.
         """
         self._src = src
         self._bag = bag

@@ -31,13 +31,13 @@ Convert = Callable[[Payload], Payload]
 
 @dataclass(frozen=True, slots=True)
 class BagOrigin:
-    """What the files tell about the bag that messages came from; empty for messages that were in no bag."""
+    """The bag that messages came from, as the files describe it; empty for messages that were in no bag."""
 
     distro: str = ""
     version: int = 0
     """Of its metadata."""
     custom: Mapping[str, str] = field(default_factory=dict)
-    """What somebody wrote about the bag, by key."""
+    """The custom data of the bag, by key."""
     digests: Mapping[str, str] = field(default_factory=dict)
     """Hashes of types by topic, where the bag's metadata have them and its files do not."""
     profiles: Mapping[str, str] = field(default_factory=dict)

@@ -24,7 +24,7 @@ _ROS_PACKAGES = frozenset(
 )
 
 TAKEN_FIELDS = frozenset({"header", "ts", "field_state"})
-"""What each message of ours has beside its row's fields."""
+"""The fields that each of our messages has beside those of its row."""
 
 _CPP_KEYWORDS = frozenset(
     re.findall(

@@ -113,7 +113,7 @@ class Intake:
         self._uses_header = uses_header
         self._salvages = salvages
         self.losses: list[str] = []
-        """What was left out so far, in words."""
+        """Descriptions of the damaged messages that were left out so far."""
         self._adders: dict[Connection, Callable[[ConnectionBatch], None]] = {}
         for channel in wanted:
             self._adders[channel] = (

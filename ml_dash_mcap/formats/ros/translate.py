@@ -1,7 +1,7 @@
 """Translates messages of one generation of ROS into those of the other, with the serialisers of rosbags.
 
-A type keeps its definition. Where the other generation has a standard message of that name, that one's definition
-counts: field by field where they differ, by name.
+A type keeps its definition. If the other generation has a standard message of that name, the
+standard definition counts, and fields are matched by name.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 
 
 class Translation(NamedTuple):
-    """What the messages of a type become in the other generation."""
+    """The translation of a type's messages to the other generation."""
 
     type: str
     """As the other generation spells it."""
@@ -37,9 +37,9 @@ class Translation(NamedTuple):
     digest: str
     """ "RIHS01_..." in ROS 2, an MD5 sum in ROS 1."""
     convert: Callable[[Payload], Payload]
-    """One message; raises a ValueError for what is no such message."""
+    """Translates one message; raises a ValueError for bytes that do not match the type."""
     changes: tuple[str, ...]
-    """What the other generation's definition lacks, or has besides, in words."""
+    """Descriptions of the fields that only one of the two definitions has."""
 
 
 def translation(name: str, encoding: str, text: str, *, to_ros1: bool) -> Translation:

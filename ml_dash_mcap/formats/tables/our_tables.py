@@ -38,7 +38,7 @@ class OurTable:
 
         Args:
             schema: Of the table.
-            about: What the file says of it.
+            about: The description of the table in the file.
         """
         self._about = about
         self.time_name = about.time_name

@@ -6,7 +6,7 @@ from ...query.topic_part import TopicPart
 from ...rows.result_dicts import Entries
 
 TIME_NAME = "timestamp"
-"""What ml-dash calls a row's time."""
+"""The key of a row's time in ml-dash's entries."""
 
 
 def render(part: TopicPart) -> Entries:

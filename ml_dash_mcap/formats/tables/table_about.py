@@ -28,7 +28,7 @@ _ANNOTATIONS = ("units", "joint_names", "quat_order", "frame_id")
 
 @dataclass(frozen=True, slots=True)
 class TableAbout:
-    """What is known of a table of this library. Without more than its default values it is that of a CSV file."""
+    """The description of a table of this library. With its default values it describes a CSV file."""
 
     time_name: str = TIME_KEY
     """The column of time stamps, in s."""
@@ -40,16 +40,16 @@ class TableAbout:
     is_ragged: bool = False
     """Whether lists end where the rest of their columns is null."""
     schema: Mapping[str, Any] = field(default_factory=dict)
-    """Of the rows, as JSON Schema."""
+    """The schema of the rows, as JSON Schema."""
     schema_name: str = ""
     encoding: str = ""
-    """Of the rows in the recording, such as "json"."""
+    """The encoding of the rows in the recording, such as "json"."""
     description: str | None = None
     tags: Sequence[str] = ()
     metadata: Mapping[str, Any] = field(default_factory=dict)
-    """Of the topic, its annotations included."""
+    """The metadata of the topic, its annotations included."""
     run: Mapping[str, Any] = field(default_factory=dict)
-    """What is known of the run, its `params` included."""
+    """The description of the run, its `params` included."""
     source: Mapping[str, str] = field(default_factory=dict)
     """Who recorded it."""
 
@@ -101,7 +101,7 @@ class TableAbout:
 
 
 def properties_of(schema: Any) -> Mapping[str, Any]:
-    """Return the properties of a JSON Schema; nothing of what is none."""
+    """Return the properties of a JSON Schema; empty for a value that is no schema."""
     properties = schema.get("properties") if isinstance(schema, Mapping) else None
     return properties if isinstance(properties, Mapping) else {}
 

@@ -39,7 +39,7 @@ _KNOWN_UNITS = {
 """Words in brackets behind a column's name that are taken for its unit. Other words there may mean anything."""
 
 UNIT_KEYS = (UNIT_KEY, b"unit", b"units")
-"""What a column's metadata may call its unit."""
+"""The keys of a column's metadata that may hold its unit."""
 
 
 class TableFile(Protocol):
@@ -49,7 +49,7 @@ class TableFile(Protocol):
     schema: pa.Schema
     """Its columns. The metadata of the schema and of its fields are what the file says of them."""
     about: TableAbout | None
-    """What this library wrote into the file; None for a file of others."""
+    """The description that this library wrote into the file; None for a file of others."""
 
     def range_of(self, column: str) -> tuple[Any, Any]:
         """Return the least and the greatest value of a column of numbers; both None if it has none."""

@@ -19,7 +19,7 @@ class TableReadOptions:
     """What its numbers count; by default what the column's type, metadata or name says, or what is plain from numbers
     of wall-clock time (of JSON lines those of the first 1,000 rows); seconds for other fractions."""
     topic: str | None = None
-    """What to call the topic; by default what the file says, or else the file's name."""
+    """The name of the topic; by default the name that the file states, or else the file's name."""
     start: float = 0.0
     """The time stamp of the table's time 0, in s."""
     on_bad: Literal["raise", "missing"] = "raise"
@@ -39,7 +39,7 @@ class CsvReadOptions(TableReadOptions):
     decimal: Literal[".", ","] | None = None
     """What stands before the fraction; found out by default, and never "," where that separates."""
     encoding: str = "utf-8"
-    """Of the text; a mark at the file's beginning comes first."""
+    """The encoding of the text. A byte order mark at the file's beginning comes first."""
 
     def __post_init__(self) -> None:
         is_text = self.separator is None or isinstance(self.separator, str)

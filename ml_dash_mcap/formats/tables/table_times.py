@@ -75,7 +75,7 @@ def find(
         range_of: Returns the least and the greatest value of a column of numbers; both None if it has none.
         time_column: What the caller says it is called.
         time_unit: What the caller says its numbers count.
-        units: What the file says of its columns' units.
+        units: The units of columns that the file states.
 
     Raises:
         ForeignFileError: There is none, or its numbers' unit is not plain.

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 BLANKS = " \t\r\n"
-"""What pads a cell. Other white space, such as a no-break space, is part of a name."""
+"""The characters that pad a cell. Other white space, such as a no-break space, is part of a name."""
 
 _SEPARATORS = "\t;,"
 _COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")

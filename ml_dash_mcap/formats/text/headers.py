@@ -63,7 +63,7 @@ class HeaderLines:
         return line
 
     def row(self, expected: str, dialect: Dialect) -> list[str]:
-        """Return the cells of the next line that has any, without the empty ones at its end.
+        """Return the cells of the next line that is not blank, without the empty cells at its end.
 
         Raises:
             ForeignFileError: As `next`.
@@ -84,7 +84,7 @@ class HeaderLines:
 
 
 def without_empty_end(cells: Sequence[str]) -> list[str]:
-    """Return cells without the empty ones behind the last that is not."""
+    """Return cells without the empty cells at the end."""
     count = len(cells)
     while count and not cells[count - 1]:
         count -= 1

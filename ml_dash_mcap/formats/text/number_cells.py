@@ -116,7 +116,7 @@ class Cells:
         self.padding = 0 if any(cell.strip(f'{BLANKS}"') for cell in behind) else len(behind)
 
     def sample(self, lines: Sequence[str]) -> Floats:
-        """Return the numbers of some lines, without those that are blank; what is no number is missing."""
+        """Return the numbers of some lines without the blank lines. A cell that is no number counts as missing."""
         lenient = copy(self)
         lenient.allow_short, lenient.on_bad = True, "missing"
         rows = [lenient._line(line, 0)[0] for line in lines if not self.dialect.is_blank(line)]

@@ -40,7 +40,7 @@ def lay_out(head: Head, data: Data, bodies: int, unit: str, topic: str) -> C3dFi
     """Return where the numbers of a foreign file go.
 
     Args:
-        head: What the file says of itself.
+        head: The header and the parameters of the file.
         data: What a frame has.
         bodies: How many rotations a frame has.
         unit: Of the file's lengths.

@@ -18,7 +18,7 @@ BLOCK = 512
 _MAGIC = 0x50
 _PROCESSORS = {84: "intel", 85: "dec", 86: "mips"}
 _TYPES = {-1: 1, 1: 1, 2: 2, 4: 4}
-"""Of a parameter's values, to their size in bytes: characters, bytes, integers, reals."""
+"""Types of a parameter's values, to their size in bytes: characters, bytes, integers, reals."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class NumberForm:
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """What a file says of itself before its data."""
+    """The header and the parameters of a file."""
 
     numbers: NumberForm
     points: int
@@ -62,10 +62,10 @@ class Head:
     """Number of the first frame."""
     last: int
     scale: float
-    """Of points that are integers; negative for those that are reals."""
+    """The factor for points that are stored as integers; negative if points are reals."""
     data_block: int
     samples: int
-    """Of each analog channel in a frame."""
+    """Samples of each analog channel in a frame."""
     rate: float
     parameters: Mapping[str, Mapping[str, Any]]
     """By group and name: text, lists of text, or arrays of numbers."""

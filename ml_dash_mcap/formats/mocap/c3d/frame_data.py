@@ -88,7 +88,7 @@ def lay_out(path: Path, head: Head, data: memoryview, *, is_lenient: bool) -> tu
 
     Args:
         path: The file.
-        head: What it says of itself.
+        head: The header and the parameters of the file.
         data: The whole file.
         is_lenient: Whether a file that ends too early is read up to there.
 

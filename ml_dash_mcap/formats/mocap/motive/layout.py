@@ -1,6 +1,6 @@
 """The layout of Motive's CSV files (docs.optitrack.com, Data Export: CSV): a line of pairs, then rows by column.
 
-Which rows stand above the numbers differs by version; 1.23 and later label them.
+The rows above the numbers differ by version; 1.23 and later label them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Reads OptiTrack Motive CSV, versions 1.2 to 1.25.
 
-Which rows the header has differs by version; they are told by what they hold. 1.2 and 1.21 have rows of types, names
+The rows of the header differ by version and are recognised by their content. 1.2 and 1.21 have rows of types, names
 and IDs without labels, 1.23 labels them, 1.24 may have a column of time codes, and 1.25 a row of parents.
 """
 

@@ -39,7 +39,7 @@ class _Column:
 
     thing: Thing
     source: int
-    """Which column of the take it shows."""
+    """The column of the take that it shows."""
     group: str
     """"Rotation", "Position", "Mean Marker Error" or "Angle"."""
     axis: str

@@ -73,9 +73,9 @@ class Table:
     path: Path
     file: BinaryIO
     keys: dict[str, str]
-    """Of the header, in small letters."""
+    """The keys of the header in lower case, to their values."""
     names: list[str]
-    """Of the columns, without that of time."""
+    """The names of the columns, without that of time."""
     cells: Cells
     line: int
     """Where the numbers begin."""
@@ -84,7 +84,7 @@ class Table:
 
     @property
     def data_type(self) -> str:
-        """What the columns hold: "" or "double" for numbers."""
+        """The type of the columns' values: "" or "double" for numbers."""
         return self.keys.get("datatype", "").lower()
 
     def parts(self) -> Iterator[NumberPart]:

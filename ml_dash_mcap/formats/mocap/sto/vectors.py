@@ -20,7 +20,7 @@ _BLANKS = re.compile(rb"[ \t]+")
 
 @dataclass(frozen=True, slots=True)
 class VectorKind:
-    """What each column of a file holds."""
+    """The kind of value that each column of a file holds."""
 
     word: str
     """As OpenSim spells it."""

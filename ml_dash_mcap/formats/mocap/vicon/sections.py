@@ -28,7 +28,8 @@ class Section:
     title: str
     rate: float
     names: list[str]
-    """Of each column behind those of frame and sub frame; a name stands for all columns up to the next."""
+    """The name of each column behind those of frame and sub frame. A name stands for all columns up to the next
+    name."""
     axes: list[str]
     units: list[str]
     dialect: Dialect
@@ -42,7 +43,7 @@ class Section:
 
 @dataclass(slots=True)
 class Contents:
-    """What a file has."""
+    """The contents of a file."""
 
     sections: list[Section] = field(default_factory=list)
     events: list[tuple[int, dict[str, str]]] = field(default_factory=list)

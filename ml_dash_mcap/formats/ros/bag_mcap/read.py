@@ -64,7 +64,7 @@ class McapBag:
 
     @property
     def losses(self) -> list[str]:
-        """What was left out so far, in words."""
+        """Descriptions of the damaged parts that were left out so far."""
         return [self._named(loss) for loss in self.file.losses if not loss.corrected] + self._lost
 
     @property
@@ -74,7 +74,7 @@ class McapBag:
 
     @property
     def about(self) -> Mapping[str, str]:
-        """What rosbag2 says of the file in its metadata record; nothing where there is none."""
+        """The values of rosbag2's metadata record in the file; empty without such a record."""
         return next((record.values for record in self.file.metadata() if record.name == distros.RECORD), {})
 
     @property

@@ -25,7 +25,7 @@ _NAME, _PROFILES, _DIGEST = "name", "offered_qos_profiles", "type_description_ha
 
 
 class BagInformation:
-    """What the metadata of a bag state. Values of the wrong type count as missing."""
+    """The contents of a bag's metadata. Values of the wrong type count as missing."""
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         self._values = values
@@ -68,13 +68,13 @@ class BagInformation:
 
     @property
     def custom(self) -> Mapping[str, str]:
-        """What somebody wrote about the bag, by key."""
+        """The custom data of the bag, by key."""
         custom = self._values.get(_CUSTOM)
         return custom if isinstance(custom, dict) else {}
 
     @property
     def compression_mode(self) -> str:
-        """What is compressed, "file" or "message"; empty for nothing."""
+        """The unit of compression, "file" or "message"; empty without compression."""
         return self._text(_MODE).lower()
 
     @property
@@ -134,7 +134,7 @@ class FileContents:
     counts: Mapping[int, int]
     """Messages, by the number of their outlet."""
     start_ns: int
-    """Of the first message; 0 without messages."""
+    """Time of the first message; 0 without messages."""
     end_ns: int
 
     @property

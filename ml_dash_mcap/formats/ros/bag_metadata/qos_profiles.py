@@ -67,7 +67,7 @@ def joined(text: str, more: str) -> str:
 
 
 def is_latched(text: str) -> bool:
-    """Whether a topic that is offered so gives late subscribers its last message, as latched ones of ROS 1 do."""
+    """Whether a topic with these profiles gives late subscribers its last message, as a latched topic of ROS 1 does."""
     return any(_spelled(profile, NAMES_VERSION).get("durability") == "transient_local" for profile in parse(text))
 
 

@@ -29,8 +29,8 @@ def distro_of(name: str, version: int) -> tuple[str, int]:
     """Return the distribution, and the version of the metadata, for a bag that goes out as it came in.
 
     Args:
-        name: Of the distribution that recorded it, which may be none that is known; empty if nobody says.
-        version: Of the metadata that it came with; 0 without metadata.
+        name: The distribution that recorded it, which may be an unknown name; empty if it is not stated.
+        version: The version of the metadata that it came with; 0 without metadata.
     """
     if not name:
         return ("jazzy", DISTROS["jazzy"]) if not version or version >= 9 else ("humble", DISTROS["humble"])

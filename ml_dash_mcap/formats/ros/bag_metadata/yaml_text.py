@@ -1,6 +1,6 @@
 """Reads and writes the YAML of a bag's metadata.
 
-What is written is nearly JSON: texts in double quotes with JSON's escapes, which YAML has too.
+The written text is nearly JSON: texts in double quotes with JSON's escapes, which YAML has too.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ from .layout import (
 Numbers = npt.NDArray[np.int64]
 
 _HEADS_BYTES = 2 * LENGTH.size
-"""Of a record: the sizes of its header and of its data."""
+"""The bytes of the two sizes of a record: that of its header and that of its data."""
 
 
 class Index(NamedTuple):

@@ -11,7 +11,7 @@ import lz4.frame
 from .layout import BrokenRecordError
 
 _MOST_BYTES = 1 << 30
-"""Of a chunk's content."""
+"""The largest content of a chunk that is unpacked."""
 
 
 class Compression(NamedTuple):

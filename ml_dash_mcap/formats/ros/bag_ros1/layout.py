@@ -18,7 +18,7 @@ MAGIC = b"#ROSBAG V"
 VERSION = b"2.0\n"
 
 BAG_HEADER_BYTES = 4096
-"""Of the bag's header with its padding, so that it can be written again when the end is known."""
+"""The size of the bag's header with its padding. The fixed size allows to write it again when the end is known."""
 
 INDEX_VERSION = 1
 
@@ -26,10 +26,10 @@ LENGTH = Struct("<I")
 """The size that stands before a header, a field or data, in bytes."""
 
 ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
-"""Of an index behind a chunk: a message's time, and where in the chunk's content its record starts."""
+"""An entry of an index behind a chunk: the time of a message, and the place of its record in the chunk's content."""
 
 _COUNT = np.dtype([("connection", "<u4"), ("count", "<u4")])
-"""Of the messages of a chunk, by connection."""
+"""The number of a chunk's messages on one connection."""
 
 
 class Op(IntEnum):
@@ -62,10 +62,10 @@ MESSAGE_HEAD = np.dtype(
         ("size", "<u4"),
     ]
 )
-"""What stands before a message as we write it; others may write the fields in another order."""
+"""The head of a message as we write it. Other writers may put the fields in another order."""
 
 Fields = Mapping[str, bytes]
-"""Of a record's header, by name."""
+"""The fields of a record's header, by name."""
 
 
 class BrokenRecordError(Exception):
@@ -127,7 +127,7 @@ class IndexHeader(NamedTuple):
 
 
 class ChunkInfo(NamedTuple):
-    """What a bag's index says of a chunk."""
+    """The entry of a chunk in the bag's index."""
 
     place: int
     counts: Mapping[int, int]
@@ -205,7 +205,7 @@ def text(fields: Fields, name: str) -> str:
 
 
 def lenient_text(value: bytes) -> str:
-    """Return a text; what is no UTF-8 in it becomes U+FFFD."""
+    """Return a text. Bytes that are not UTF-8 become U+FFFD."""
     return value.decode("utf-8", "replace")
 
 

@@ -23,7 +23,7 @@ _RECORD_BYTES = 1 << 30
 """The largest data of a record."""
 
 _MD5_OF_NOTHING = "d41d8cd98f00b204e9800998ecf8427e"
-"""Of a type without fields, whose definition may be an empty text."""
+"""The MD5 sum of a type without fields, whose definition may be an empty text."""
 
 
 class Ros1Bag:
@@ -214,7 +214,7 @@ class Ros1File:
     def _walk_chunk(self, content: bytes, place: int) -> Index:
         """Return the messages of a chunk as its records tell. Takes in its connections.
 
-        What lies behind a record that is broken is noted as lost, and left out.
+        The records behind a broken record are noted as lost, and left out.
         """
         messages: list[tuple[int, int, int]] = []
         try:

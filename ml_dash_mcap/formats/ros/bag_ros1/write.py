@@ -33,7 +33,7 @@ _END_NS = clock.NS_PER_S << 32
 
 
 class _Pending(NamedTuple):
-    """Messages with their heads that later ones may still come between."""
+    """Messages with their heads that wait, because messages with earlier times may still come."""
 
     data: npt.NDArray[np.uint8]
     starts: npt.NDArray[np.int64]

@@ -9,7 +9,7 @@ from __future__ import annotations
 SUFFIX = ".db3"
 
 SCHEMA_VERSION = 4
-"""Of the files that we write."""
+"""The version of the schema in the files that we write."""
 
 CREATE_TABLES = """
 CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
@@ -48,7 +48,7 @@ SELECT_MESSAGES = "SELECT topic_id, timestamp, data"
 COUNT_MESSAGES = "SELECT COUNT(*) FROM messages"
 
 _LATER_COLUMNS = ("offered_qos_profiles", "type_description_hash")
-"""Of the topics, in later versions only."""
+"""Columns of the topics that only later versions have."""
 
 
 def select_topics(columns: set[str]) -> str:

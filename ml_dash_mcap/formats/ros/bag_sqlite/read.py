@@ -228,7 +228,7 @@ class SqliteBag:
 
 
 def _check_is_readable(path: Path) -> None:
-    """Raise what the system says of a file that cannot be opened; SQLite does not say it."""
+    """Raise the system's error for a file that cannot be opened; SQLite's error does not have it."""
     try:
         path.open("rb").close()
     except FileNotFoundError as error:

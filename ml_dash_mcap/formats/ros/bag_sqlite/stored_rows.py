@@ -15,7 +15,7 @@ Row = tuple[Any, Any, Any]
 """Id of the topic, time in ns, content: what a sound file has there are two integers and bytes."""
 
 ERRORS = (sqlite3.Error, UnicodeError)
-"""What SQLite raises for a damaged file; names in a damaged schema are not always text."""
+"""The errors that SQLite raises for a damaged file. `UnicodeError` comes from names in a damaged schema."""
 
 _MOST_ROWS = 512
 _MOST_BYTES = 4 << 20

@@ -142,5 +142,5 @@ def _lines(outlet: Outlet) -> list[list[str]]:
 
 
 def _encoding(outlet: Outlet) -> str:
-    """Return what a type is defined in; empty where nobody defines it."""
+    """Return the language of a type's definition; empty for a type without a definition."""
     return "ros2msg" if outlet.carried is None else outlet.carried.schema_encoding

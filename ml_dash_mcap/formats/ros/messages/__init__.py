@@ -1,1 +1,1 @@
-"""Rows as ROS messages: standard ones by the meaning of fields, and one of a topic's own that loses nothing."""
+"""Rows as ROS messages: standard ones by the meaning of fields, and a message of the topic's own that loses nothing."""

@@ -74,7 +74,7 @@ def _fill(message: Message, block: Block, prefix: str, left: set[str]) -> dict[s
 
 
 def _column(field: MessageField, array: Any, states: npt.NDArray[np.uint8]) -> dict[str, Column]:
-    """Return a field's column, and the one that says which elements are integers; marks integers in `states`."""
+    """Return a field's column and the column that marks its integer elements; marks integers in `states`."""
     if field.kind == "string" and field.shape == () and pa.types.is_string(array.type):
         return {field.name: _texts(array)}
     if field.kind in _NUMBERS:

@@ -16,16 +16,16 @@ Load = Callable[[str], bytes]
 
 
 class Stated(NamedTuple):
-    """What a field says of a detail."""
+    """The values that a field states for a detail."""
 
     is_there: npt.NDArray[np.bool_]
     """Which of the rows have it, [N]."""
     values: Any
-    """Of the rows, [N]; anything where it is not there."""
+    """The values of the rows, [N]; undefined where `is_there` is False."""
 
 
 class Context(NamedTuple):
-    """What the columns of a message are made with."""
+    """The input for the columns of a message."""
 
     derived: Derived
     rows: Indices
@@ -33,19 +33,19 @@ class Context(NamedTuple):
     times: npt.NDArray[np.float64]
     """Time stamps of all rows, in s, for the error messages."""
     header: Mapping[str, Column]
-    """Of the messages, [N]."""
+    """The header of the messages, [N]."""
     load: Load | None = None
     """Where images are embedded."""
     details: Mapping[str, Stated] = {}
-    """What fields say of the message's details."""
+    """The details of the message that fields state."""
 
 
 class BadRows(NamedTuple):
     """Rows whose values a standard message cannot say."""
 
     which: npt.NDArray[np.bool_]
-    """Of those that have all fields, [N]."""
+    """A mask over the rows that have all fields, [N]."""
     what: str
-    """Of the first one."""
+    """A description of the first bad row."""
     is_other: bool = False
     """Whether they are of another kind altogether, so that a convention was wrong about the field."""

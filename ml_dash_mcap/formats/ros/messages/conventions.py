@@ -163,7 +163,7 @@ class Convention:
     names: Mapping[str, tuple[str, ...]]
     """Role, to the names that a field for it has, the likeliest first."""
     shape: Shape | None = None
-    """Which of the shapes of its roles it takes, if not all."""
+    """The only shape that it takes of those of its roles; None for all."""
     is_named: bool = False
     """Whether it must say the names of joints, because its fields may mean something else."""
 
@@ -226,7 +226,7 @@ CONVENTIONS = (
     Convention("depth", IMAGE, {"data": kinds.DEPTHS.names}, _DEPTH),
     Convention("image/compressed", COMPRESSED, {"data": kinds.ENCODED_IMAGE.names}),
 )
-"""What the fields of one dict make; poses of other owners than `ee` are added to them by `field_kinds.poses`."""
+"""The messages that fields of one dict make. `field_kinds.poses` adds the poses of other owners than `ee`."""
 
 
 def vector_shape(field: MessageField) -> tuple[int, ...] | None:

@@ -71,12 +71,12 @@ def _states(values: list[Any]) -> npt.NDArray[np.uint8]:
 
 
 def column(field: MessageField, values: list[Any], states: npt.NDArray[np.uint8]) -> dict[str, Column]:
-    """Return a field's column, and the one that says which elements are integers.
+    """Return a field's column and the column that marks its integer elements.
 
     Args:
         field: The field.
         values: Of each message; anything where `states` does not say PRESENT.
-        states: What `field_state` says of the field, [N]; gets INTEGER where a value is one among doubles.
+        states: The states of the field, [N]; set to INTEGER for integers among doubles.
     """
     if not (states == PRESENT).all():
         nothing = default(field)

@@ -44,13 +44,13 @@ class MessageField:
 
     key: str
     name: str
-    """Of the message's field."""
+    """The name of the message's field."""
     kind: str
     """ "bool", "int64", "uint64", "float64", "string", "bytes", "json" or "message"."""
     shape: tuple[int, ...] | None = ()
     """() for one value, (7,) or (4, 4) for lists that always have these lengths, None for lists of any length."""
     message: Message | None = None
-    """Of a dict, or of each in a list."""
+    """The message of a dict, or of each dict in a list."""
     integers: str | None = None
     """The field that says which elements of a list are integers among doubles."""
     is_array: bool = False
@@ -71,7 +71,7 @@ class Message:
     is_row: bool = True
     """Whether it has a header and a time stamp."""
     about: Mapping[str, Any] = field(default_factory=dict)
-    """What else its definition says, such as the `topic`."""
+    """Other entries of its definition's comment, such as the `topic`."""
 
     def parts(self) -> Iterator[Message]:
         """Yield the messages inside it, then itself."""

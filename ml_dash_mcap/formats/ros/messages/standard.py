@@ -45,11 +45,11 @@ class Derived:
     topic: str
     """In ROS."""
     type: str
-    """Of its messages."""
+    """The type of its messages."""
     fields: Mapping[str, tuple[MessageField, ...]]
     """Role, to the field that fills it: the way to it, from the row's own field inwards."""
     message: Message
-    """Of the rows."""
+    """The message that holds the whole rows."""
     details: Mapping[str, tuple[MessageField, ...]] = dataclasses.field(default_factory=dict)
     """Detail, to the field that says it; rows may lack it."""
     metadata: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -57,7 +57,7 @@ class Derived:
     is_asked: bool = False
     """Whether the caller's mapping asks for it; otherwise a convention made it."""
     child: str = ""
-    """What a transform leads to where nobody says a frame."""
+    """The child frame of a transform if none is stated."""
 
     def key(self, role: str) -> str:
         """Return the dotted name of a role's field."""
@@ -85,7 +85,7 @@ def derive(
         embeds: Whether a text that is the path of an image stands for the image.
 
     Raises:
-        ConversionError: The mapping asks for what is not there or does not fit.
+        ConversionError: The mapping names a field that is not there or does not fit.
     """
     asked = dict(mapping or {})
     derived = [

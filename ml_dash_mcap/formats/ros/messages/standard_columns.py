@@ -89,7 +89,7 @@ def _at(column: Mapping[str, Column], way: Sequence[MessageField], rows: Indices
 
 
 def _details(column: Mapping[str, Column], derived: Derived, role: str, rows: Indices, count: int) -> Any:
-    """Return what a field says of a detail, in ROS's unit."""
+    """Return the values that a field states for a detail, in ROS's unit."""
     way = derived.details[role]
     at = _at(column, way, rows, count)
     detail = conventions.DETAILS.get(derived.type, {}).get(role)
@@ -252,7 +252,10 @@ def _temperature(context: Context, values: dict[str, Array]) -> dict[str, Column
 
 
 def _covariance(context: Context, role: str) -> Column:
-    """Return the covariance of what is measured: zeros, which mean that nobody knows, where the row has none."""
+    """Return the covariances of a measured quantity.
+
+    Rows without a covariance have zeros, which mean that it is unknown.
+    """
     stated = context.details.get(role)
     if stated is None:
         return Constant(_UNKNOWN)

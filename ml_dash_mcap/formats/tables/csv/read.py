@@ -25,10 +25,10 @@ from .tokens import CellRows, Tokens
 
 _SNIFFED_ROWS = 100
 _ROW_BYTES = 40
-"""What a row is taken to have, for the progress before the rows are counted."""
+"""The assumed size of a row, for the progress before the rows are counted."""
 
 _OURS = TableAbout(is_ragged=True)
-"""What is known of a file whose first column is `_ts`, as `formats.tables.csv.write` writes it."""
+"""The description of a file whose first column is `_ts`, as `formats.tables.csv.write` writes it."""
 
 
 def record(src: Path, recorder: Recorder, options: CsvReadOptions, progress: Progress | None) -> None:

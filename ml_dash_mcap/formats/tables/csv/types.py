@@ -47,10 +47,13 @@ _IS_INTEGER, _IS_NUMBER = re.compile(_INTEGER), re.compile(_NUMBER)
 
 @dataclass
 class CellTypes:
-    """What a column's cells have been so far; a word for a missing value is None, what looks like JSON also a list."""
+    """The shapes of a column's cells so far.
+
+    A word for a missing value counts as None, and text like JSON also as a list.
+    """
 
     bare: Shape = NOTHING
-    """Of the cells without quotes."""
+    """The shape of the cells without quotes."""
     quoted: Shape = NOTHING
     has_empty_texts: bool = False
     """Whether some were quoted with nothing between."""
@@ -108,7 +111,7 @@ def _shape_of(texts: pa.Array) -> Shape:
 
 
 def _are_numbers(texts: pa.Array) -> bool:
-    """Whether cells are all numbers, which is told faster than what else they may be."""
+    """Whether cells are all numbers. This is a faster test than that for all other types."""
     try:
         texts.cast(pa.float64())
     except pa.ArrowInvalid:
