@@ -22,7 +22,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Recover it; returns the exit code."""
-    from ..recovery import recover  # which brings the writer along: the other commands start faster without
+    from ..recovery import recover  # brings the writer along: other commands start faster without
 
     done = recover(arguments.path)
     if arguments.json:

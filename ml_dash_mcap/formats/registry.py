@@ -283,7 +283,7 @@ def may_be_foreign(path: Path) -> bool:
     endings = tuple(ending for entry in _formats.values() for ending in entry.inside)
     try:
         return any(inside.name.endswith(endings) for inside in path.iterdir())
-    except OSError:  # whoever opens the folder says why it cannot be read
+    except OSError:  # opening the folder reports why it cannot be read
         return False
 
 

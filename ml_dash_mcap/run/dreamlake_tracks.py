@@ -79,7 +79,7 @@ class SessionTrack(BoundTopic):
         """
         batch = [] if isinstance(rows, Mapping) else list(rows)
         if isinstance(rows, Mapping):
-            super().append_batch(rows)  # which refuses it
+            super().append_batch(rows)  # raises the error for a dict
         if not batch:
             raise RangeError(f"append_batch() on track {self.name!r}: the batch is empty; pass at least one point")
         super().append_batch(batch)

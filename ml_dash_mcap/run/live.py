@@ -127,6 +127,6 @@ def _has_recordings(folder: Path) -> bool:
     """Whether something was recorded in a folder before, be it only in the journals that a crash left behind."""
     try:
         names = os.listdir(folder)
-    except OSError:  # there is none, or the recorder will say what is wrong with it
+    except OSError:  # no folder, or one that the recorder will report
         return False
     return any(".mcap" in name or name.startswith(".ml_dash-") for name in names)

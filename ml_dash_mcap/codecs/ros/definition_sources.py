@@ -115,7 +115,7 @@ def settled(name: str, text: str, supply: Supply) -> Supply:
         find = Finder(candidate, name)
         whole = definitions.complete(name, text, is_ros1=supply.is_ros1, find=find)
         digest = standard_types.digest_of_others(name, whole, is_ros1=supply.is_ros1)
-        if digest is None:  # which leaves it open
+        if digest is None:  # rosbags cannot compute it, so nothing contradicts
             return replace(supply, digest="")
         # ROS 1 accepts "*" for every MD5 sum.
         if supply.digest in (digest, "*"):

@@ -153,7 +153,7 @@ class _Body:
             return self._array(type_)
         if isinstance(type_, Optional):
             return self._optional(type_.of)
-        if isinstance(type_, Undecoded):  # which reading the definition refused
+        if isinstance(type_, Undecoded):  # the parsers refuse such a type already
             raise TypeError(type_.name)
         return self._text() if type_.name == STRING else self._numbers(type_.name, None)
 

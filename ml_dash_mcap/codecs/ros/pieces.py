@@ -105,7 +105,7 @@ def _texts_aligned(unpack: _UnpackFrom, errors: str) -> Callable[[bytes, int, in
             (length,) = unpack(data, start - 4)
             at = start + length
             if at > size or (length and data[at - 1]):
-                text(data, start, length)  # which says what is wrong
+                text(data, start, length)  # raises the error that names the fault
             # An empty text that was sent as no bytes ends before it starts, so the slice is empty, as it should be.
             values.append(data[start : at - 1].decode("utf-8", errors))
         return values, at

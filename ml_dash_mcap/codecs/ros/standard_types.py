@@ -30,7 +30,7 @@ class Definition(NamedTuple):
 def store(*, is_ros1: bool = False) -> Typestore:
     """Return the standard messages of a generation of ROS."""
     types = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_JAZZY)
-    for name in (_TF, _TF_OLD) if is_ros1 else ():  # which rosbags lacks
+    for name in (_TF, _TF_OLD) if is_ros1 else ():  # rosbags lacks them
         types.register(get_types_from_msg(_TF_TEXT, name))
     return types
 

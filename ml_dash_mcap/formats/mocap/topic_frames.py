@@ -160,7 +160,7 @@ class TopicFrames:
             return
         self._is_first = False
         is_stated = self._options.quat_order or self._metadata.get("quat_order")
-        is_dict = thing.rotation is None or not thing.rotation.shape  # whose keys say what is what
+        is_dict = thing.rotation is None or not thing.rotation.shape  # its keys name the numbers
         if not is_stated and not is_dict and abs(numbers[0, 0]) > _IDENTITY_FIRST:
             warnings.warn(
                 f"topic {thing.topic!r}: its quaternions start with {numbers[0].tolist()}, which looks like w x y z;"

@@ -54,7 +54,7 @@ def meaning(type_: pa.DataType) -> str | None:
 def _of_single(array: pa.Array, type_: pa.DataType) -> pa.Array:
     if pa.types.is_null(type_) or pa.types.is_boolean(type_) or pa.types.is_integer(type_) or type_ == pa.float64():
         return array
-    if pa.types.is_float16(type_):  # which pyarrow before 17 does not cast
+    if pa.types.is_float16(type_):  # pyarrow before 17 does not cast it
         values = np.array(array.to_numpy(zero_copy_only=False), np.float64)
         return pa.array(values, mask=array.is_null().to_numpy(zero_copy_only=False))
     if pa.types.is_floating(type_):

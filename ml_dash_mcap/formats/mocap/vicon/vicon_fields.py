@@ -39,7 +39,7 @@ def placed(section: Section, topic: str) -> list[Placement]:
             if len(turns) > 2:
                 placements.append(Placement(where, ("quat" if len(turns) == 4 else "rotation",), (len(turns),), turns))
                 taken += turns
-        for at in columns:  # what is none of these is a field of its own
+        for at in columns:  # each other column is a field of its own
             if at not in taken:
                 path = tuple(filter(None, (*prefix, section.axes[at]))) or ("value",)
                 placements.append(Placement(where, path, (), (at,)))

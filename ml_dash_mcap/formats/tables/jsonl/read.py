@@ -203,7 +203,7 @@ def _own_time(text: bytes) -> str | None:
 def _loads(text: bytes) -> Any:
     try:
         return orjson.loads(text)
-    except orjson.JSONDecodeError:  # which knows neither NaN nor Infinity
+    except orjson.JSONDecodeError:  # orjson refuses NaN and Infinity, and Python reads them
         return json.loads(text)
 
 
