@@ -76,7 +76,7 @@ def convert(
         raise MissingRecordingError(errno.ENOENT, "there is nothing", str(src))
     chosen = format if format is not None else registry.format_of(target)
     if overwrite is True and put_into is None:
-        with replacing(keeper(chosen, [source])):  # checked before reading, which may copy a bag first
+        with replacing(keeper(chosen, [source])):  # the export below may know only a copy of the source
             refuse_existing(target)
     reads = _options_of_reading(source, chosen, options)
     writes = {name: value for name, value in options.items() if name not in reads}
