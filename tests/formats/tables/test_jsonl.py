@@ -92,6 +92,35 @@ def test_options_say_what_the_file_does_not(tmp_path: Path) -> None:
         convert(path, tmp_path / "no", tme=1)
 
 
+def test_a_field_timestamp_before_ts_is_not_the_time(tmp_path: Path) -> None:
+    path = tmp_path / "t.jsonl"
+    path.write_bytes(b'{"timestamp":1700000000,"x":0,"_ts":0.1}\n{"timestamp":1700000001,"x":1,"_ts":1}\n')
+    assert rows(path) == [
+        {"timestamp": 1_700_000_000, "x": 0, "_ts": 0.1},
+        {"timestamp": 1_700_000_001, "x": 1, "_ts": 1.0},
+    ]
+
+
+def test_a_ts_that_comes_late_in_a_file_of_an_earlier_release_is_kept_as_a_field(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jsonl, "_SAMPLE", 1)
+    path = tmp_path / "t.jsonl"
+    path.write_bytes(b'{"timestamp":0.5,"p.x":0}\n{"timestamp":1.5,"fields.timestamp":7,"_ts":3}\n')
+    assert rows(path) == [{"p": {"x": 0}, "_ts": 0.5}, {"timestamp": 7, "fields._ts": 3, "_ts": 1.5}]
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_tables_with_a_column_timestamp_before_ts_keep_both(tmp_path: Path, suffix: str) -> None:
+    frame = pd.DataFrame({"timestamp": [1_700_000_000, 1_700_000_001], "x": [0, 1], "_ts": [0.1, 0.2]})
+    path = tmp_path / f"t.{suffix}"
+    frame.to_csv(path, index=False) if suffix == "csv" else frame.to_parquet(path, index=False)
+    assert rows(path) == [
+        {"timestamp": 1_700_000_000, "x": 0, "_ts": 0.1},
+        {"timestamp": 1_700_000_001, "x": 1, "_ts": 0.2},
+    ]
+
+
 def test_pandas_writes_what_is_read(tmp_path: Path) -> None:
     frame = pd.DataFrame({"time": [0.5, 1.5], "x": [1, 2], "s": ["a", None]})
     frame.to_json(tmp_path / "t.jsonl", orient="records", lines=True)

@@ -133,6 +133,8 @@ class _LinesFile:
 
     def _open(self, sample: list[dict[str, Any]]) -> Topic:
         options = self._options
+        if self._own_time == TIME_NAME and any(row.get(TIME_KEY) is not None for row in sample):
+            self._own_time = TIME_KEY  # releases that wrote `timestamp` wrote no `_ts`: `timestamp` is a field here
         has_dicts = any(
             isinstance(value, dict) and value for row in sample for key, value in row.items() if key != EXACT_KEY
         )
@@ -176,7 +178,11 @@ class _LinesFile:
         if not keeps:
             row = {name: value for name, value in row.items() if name != self._time.name}
         if self._own_time is not None:
-            return _nested(restore(row), self._own_time)
+            row = restore(row)
+            # A `_ts` may come first behind the rows that were looked at.
+            late = row.pop(TIME_KEY, None) if self._own_time == TIME_NAME else None
+            nested = _nested(row, self._own_time)
+            return nested if late is None else {**nested, FIELD_PREFIX + TIME_KEY: late}
         if TIME_KEY in row or EXACT_KEY in row:
             return {
                 FIELD_PREFIX + name if name in (TIME_KEY, EXACT_KEY) else name: value for name, value in row.items()
