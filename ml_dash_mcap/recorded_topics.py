@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, overload
 
+from . import renamed_arguments
 from .errors import StateError, UsageError
 from .file_names import OWN_TOPICS
 from .inspect import topics
@@ -110,7 +111,8 @@ class RecordedTopics(Mapping[str, TopicReader]):
         Raises:
             NotFoundError: There is no such topic or column; also a KeyError.
         """
-        return self[topic].read(start, end, columns, format, **renamed)
+        start, end = renamed_arguments.take_range("Recording.read", start, end, renamed)
+        return self[topic].read(start, end, columns, format)
 
     def _opened(self) -> list[File]:
         """Return the files, in the order of writing.

@@ -12,29 +12,38 @@ from .errors import UsageError
 
 Value = TypeVar("Value")
 
+_RANGE = {"start_timestamp": "start", "end_timestamp": "end"}
+"""Earlier names to those of now."""
+
 _FOLDER = str(Path(__file__).parent)
 
 
-def take(call: str, old: Mapping[str, Value], now: Mapping[str, str]) -> dict[str, Value]:
-    """Return arguments under the names that they have now.
+def take_range(call: str, start: Value, end: Value, others: Mapping[str, Value]) -> tuple[Value, Value]:
+    """Return a range whose ends may be given under their earlier names.
 
     Args:
-        call: What was called, such as "read()".
-        old: Arguments under names that the call does not have.
-        now: Old name to new name.
+        call: The method that was called, such as "TopicReader.read".
+        start: What was given under the name that it has now.
+        end: The same of the end.
+        others: Arguments under names that the method does not have.
 
     Raises:
-        UsageError: An argument never had that name; also a TypeError.
+        UsageError: An argument never had that name, or is given under both; also a TypeError.
     """
-    for name in old:
-        if name not in now:
-            raise UsageError(f"{call} got an unexpected keyword argument {name!r}")
-        warnings.warn(f"{call}: {name}= is called {now[name]}= now", DeprecationWarning, stacklevel=_caller())
-    return {now[name]: value for name, value in old.items()}
+    given = {"start": start, "end": end}
+    for name, value in others.items():
+        if name not in _RANGE:
+            raise UsageError(f"{call}() got an unexpected keyword argument {name!r}")
+        now = _RANGE[name]
+        if given[now] is not None:
+            raise UsageError(f"{call}() got both {now}= and {name}=, which is its earlier name; pass {now}= alone")
+        warnings.warn(f"{call}(): {name}= is called {now}= now", DeprecationWarning, stacklevel=_caller())
+        given[now] = value
+    return given["start"], given["end"]
 
 
 def _caller() -> int:
-    """Return how many calls the user's own code lies above `take`, for `stacklevel`."""
+    """Return how many calls the user's own code lies above `take_range`, for `stacklevel`."""
     # How many calls of ours lie between differs by entry point, so the frames are counted until one outside the
     # package.
     level, frame = 2, sys._getframe(2)

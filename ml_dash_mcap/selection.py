@@ -200,14 +200,27 @@ class Selection:
         stream(self._checked(), self._info(), out, format)
 
     def with_neighbours(self, most_s: float | None = None) -> Selection:
-        """Return the same and the nearest row on each side of it.
+        """Return the same rows and the nearest row on each side of them.
+
+        With `start_index` or `limit` the times of the rows are read to know where they end, and rows that share the
+        time of the first or the last one are on a side of it too.
 
         Args:
-            most_s: A row farther than this from the range is left out, in s; None for any distance.
+            most_s: A row farther than this from the range is left out, in s; None for any distance. With
+                `start_index` or `limit` the range is that of the rows.
+
+        Raises:
+            RangeError: `most_s` is not a number from 0 on; also a ValueError.
         """
-        part, most_s = self._part, math.inf if most_s is None else most_s
+        distance_s = _distance(most_s)
+        part = self._part
+        if not part.has_all_rows:
+            times_s = replace(self, _part=replace(part, columns=(TIME_KEY,))).arrow()[TIME_KEY]
+            if not len(times_s):
+                return self
+            part = replace(part, start=times_s[0].as_py(), end=times_s[-1].as_py(), start_index=0, limit=None)
         low, high = neighbours.widen(part.stored, part.start, part.end)
-        wider = replace(part, start=max(low, part.start - most_s), end=min(high, part.end + most_s))
+        wider = replace(part, start=max(low, part.start - distance_s), end=min(high, part.end + distance_s))
         return replace(self, _part=wider)
 
     def __iter__(self) -> Iterator[Row]:
@@ -245,3 +258,16 @@ class Selection:
         # Rows are read only for a name that the schema lacks, before it is called an error.
         rare = TopicPart(self._part.stored, columns=(column,))  # one that the schema cannot express
         return any(len(row) > 1 for row in rare.rows())
+
+
+def _distance(most_s: Any) -> float:
+    """Return a distance in s; None is any."""
+    if most_s is None:
+        return math.inf
+    try:
+        distance_s = math.nan if isinstance(most_s, (str, bytes)) else float(most_s)
+    except (TypeError, ValueError):
+        distance_s = math.nan
+    if not distance_s >= 0:  # NaN too
+        raise RangeError(f"with_neighbours(most_s={most_s!r}): pass a number of seconds, 0 or more, or None for any")
+    return distance_s

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol, TypedDict, overload
 
 import numpy.typing as npt
@@ -45,9 +45,6 @@ class Numbers(TypedDict, total=False):
     """How many rows of the time range to leave out at its beginning."""
     limit: int | None
     """How many rows at most; None for all."""
-
-
-_RENAMED = {"start_timestamp": "start", "end_timestamp": "end"}
 
 
 class Source(Protocol):
@@ -114,18 +111,7 @@ class TopicReader:
             >>> window = rec["robot"].select(0.0, 5.0, ["q"])
             >>> window.pandas(flatten=True).plot(x="_ts")
         """
-        given = renamed_arguments.take("read", renamed, _RENAMED) if renamed else {}
-        low, high = check_range(given.get("start", start), given.get("end", end))
-        names = check_columns(columns)
-        part = TopicPart(
-            StoredTopic(self._source.files, self.name),
-            low,
-            high,
-            None if names is None else tuple(names),
-            check_index("start_index", start_index),
-            None if limit is None else check_index("limit", limit),
-        )
-        return Selection(part, lambda: self.info)
+        return self._select("select", start, end, columns, {"start_index": start_index, "limit": limit, **renamed})
 
     @overload
     def read(
@@ -162,13 +148,13 @@ class TopicReader:
             >>> rec["robot"].read(end=0.0, columns=["q"])
             {'entries': [{'timestamp': 0.0, 'q': [0.1, 0.2]}], 'count': 1}
         """
-        return self.select(start, end, columns, **renamed).read(format)
+        return self._select("read", start, end, columns, renamed).read(format)
 
     def rows(
         self, start: Seconds = None, end: Seconds = None, columns: Columns = None, **numbers: Unpack[Numbers]
     ) -> Iterator[Row]:
         """Yield rows, see `Selection.rows`; the arguments are those of `select`."""
-        return self.select(start, end, columns, **numbers).rows()
+        return self._select("rows", start, end, columns, numbers).rows()
 
     def write(
         self,
@@ -187,13 +173,13 @@ class TopicReader:
             _ts,q.0,q.1
             0.0,0.1,0.2
         """
-        self.select(start, end, columns, **numbers).write(out, format)
+        self._select("write", start, end, columns, numbers).write(out, format)
 
     def to_arrow(
         self, start: Seconds = None, end: Seconds = None, columns: Columns = None, **numbers: Unpack[Numbers]
     ) -> pa.Table:
         """Return rows as an Arrow table, see `Selection.arrow`; the arguments are those of `select`."""
-        return self.select(start, end, columns, **numbers).arrow()
+        return self._select("to_arrow", start, end, columns, numbers).arrow()
 
     def to_numpy(
         self, start: Seconds = None, end: Seconds = None, columns: Columns = None, **numbers: Unpack[Numbers]
@@ -204,7 +190,7 @@ class TopicReader:
             >>> rec["robot"].to_numpy(columns=["stamp_ns"])["stamp_ns"]
             masked_array(data=[1700000000123456789, --], mask=[False, True], fill_value=999999)
         """
-        return self.select(start, end, columns, **numbers).numpy()
+        return self._select("to_numpy", start, end, columns, numbers).numpy()
 
     def to_pandas(
         self,
@@ -221,7 +207,7 @@ class TopicReader:
         Example:
             >>> rec["robot"].to_pandas(flatten=True, time="datetime").resample("100ms").mean()
         """
-        return self.select(start, end, columns, **numbers).pandas(flatten=flatten, time=time)
+        return self._select("to_pandas", start, end, columns, numbers).pandas(flatten=flatten, time=time)
 
     def to_polars(
         self,
@@ -234,7 +220,7 @@ class TopicReader:
         **numbers: Unpack[Numbers],
     ) -> pl.DataFrame:
         """Return rows as a polars data frame, see `Selection.polars`; the other arguments are those of `select`."""
-        return self.select(start, end, columns, **numbers).polars(flatten=flatten, time=time)
+        return self._select("to_polars", start, end, columns, numbers).polars(flatten=flatten, time=time)
 
     def batches(
         self,
@@ -246,7 +232,7 @@ class TopicReader:
         **numbers: Unpack[Numbers],
     ) -> Iterator[pa.Table]:
         """Yield Arrow tables of so many `rows`, see `Selection.batches`; the other arguments are those of `select`."""
-        return self.select(start, end, columns, **numbers).batches(rows)
+        return self._select("batches", start, end, columns, numbers).batches(rows)
 
     def at(self, time: float) -> Row:
         """Return the last row at or before a time, in s.
@@ -267,6 +253,25 @@ class TopicReader:
             NotFoundError: The topic has no rows; also a KeyError.
         """
         return self.at(math.inf)
+
+    def _select(
+        self, method: str, start: Seconds, end: Seconds, columns: Columns, others: Mapping[str, Any]
+    ) -> Selection:
+        """Return what `select` does; `method` is the one that was called, and `others` its other arguments."""
+        renamed = dict(others)
+        start_index, limit = renamed.pop("start_index", 0), renamed.pop("limit", None)
+        start, end = renamed_arguments.take_range(f"TopicReader.{method}", start, end, renamed)
+        low, high = check_range(start, end)
+        names = check_columns(columns)
+        part = TopicPart(
+            StoredTopic(self._source.files, self.name),
+            low,
+            high,
+            None if names is None else tuple(names),
+            check_index("start_index", start_index),
+            None if limit is None else check_index("limit", limit),
+        )
+        return Selection(part, lambda: self.info)
 
     def __iter__(self) -> Iterator[Row]:
         return self.rows()

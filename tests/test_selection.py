@@ -5,13 +5,14 @@ from __future__ import annotations
 import io
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from ml_dash_mcap import Recorder, RecorderOptions, Recording
-from ml_dash_mcap.errors import NotFoundError, RangeError, StateError
+from ml_dash_mcap.errors import NotFoundError, RangeError, StateError, UsageError
 from ml_dash_mcap.query import plan
 from ml_dash_mcap.store.local import LocalFolder
 
@@ -159,6 +160,25 @@ def test_the_nearest_rows_on_both_sides_are_added(run: Path) -> None:
         assert [row["n"] for row in part.with_neighbours(0.001)] == [101]
 
 
+def test_a_part_of_the_rows_keeps_them_beside_its_neighbours(run: Path) -> None:
+    def numbers(**arguments: Any) -> tuple[list[int], list[int], list[int]]:
+        part = rec["t0"].select(columns=["n"], **arguments)
+        return tuple([row["n"] for row in rows] for rows in (part, part.with_neighbours(), part.with_neighbours(0.001)))
+
+    with Recording(run) as rec:
+        middle = {"start": 1.0, "end": 2.0, "start_index": 5, "limit": 3}
+        assert numbers(**middle) == ([105, 106, 107], [104, 105, 106, 107, 108], [105, 106, 107])
+        assert numbers(limit=2) == ([0, 1], [0, 1, 2], [0, 1])
+        assert numbers(start=3.97, start_index=1) == ([398, 399], [397, 398, 399], [398, 399])
+        assert numbers(start=1.0, end=2.0, start_index=200) == ([], [], [])
+
+
+@pytest.mark.parametrize("most_s", [-1.0, math.nan, "1", [1]])
+def test_a_distance_of_neighbours_that_is_none_is_named(run: Path, most_s: Any) -> None:
+    with Recording(run) as rec, pytest.raises(RangeError, match=r"with_neighbours\(most_s=.*: pass a number of seconds"):
+        rec["t0"].select(1.0, 2.0).with_neighbours(most_s)
+
+
 def test_the_time_stamps_alone_can_be_read(run: Path) -> None:
     with Recording(run) as rec:
         assert rec["t0"].select(end=0.02, columns=["_ts"]).arrow().to_pydict() == {"_ts": [0.0, 0.01, 0.02]}
@@ -169,12 +189,24 @@ def test_the_time_stamps_alone_can_be_read(run: Path) -> None:
 )
 def test_what_ranges_were_called_before_works_and_says_what_to_use(run: Path, call: str) -> None:
     with Recording(run) as rec:
-        with pytest.warns(DeprecationWarning, match="start_timestamp= is called start= now") as caught:
+        with pytest.warns(DeprecationWarning, match=rf"TopicReader\.{call}\(\): start_timestamp= is called start= now") as caught:
             old = getattr(rec["t0"], call)(start_timestamp=3.99)
         assert [warning.filename for warning in caught] == [__file__]
         assert repr(old) == repr(getattr(rec["t0"], call)(start=3.99)) or call in ("rows", "batches")
-        with pytest.raises(TypeError, match="unexpected keyword argument 'since'"):
+        with pytest.raises(TypeError, match=rf"TopicReader\.{call}\(\) got an unexpected keyword argument 'since'"):
             getattr(rec["t0"], call)(since=3.99)
+        with pytest.raises(UsageError, match=rf"TopicReader\.{call}\(\) got both start= and start_timestamp="):
+            getattr(rec["t0"], call)(1.0, start_timestamp=3.99)
+
+
+def test_read_of_a_recording_names_itself(run: Path) -> None:
+    with Recording(run) as rec:
+        with pytest.warns(DeprecationWarning, match=r"Recording\.read\(\): end_timestamp= is called end= now"):
+            assert rec.read("t0", end_timestamp=0.0, columns=["n"]) == rec.read("t0", end=0.0, columns=["n"])  # type: ignore[call-overload]
+        with pytest.raises(TypeError, match=r"Recording\.read\(\) got an unexpected keyword argument 'since'"):
+            rec.read("t0", since=1.0)  # type: ignore[call-overload]
+        with pytest.raises(UsageError, match=r"Recording\.read\(\) got both end= and end_timestamp="):
+            rec.read("t0", end=1.0, end_timestamp=1.0)  # type: ignore[call-overload]
 
 
 def test_a_store_gives_the_same_selections(run: Path) -> None:

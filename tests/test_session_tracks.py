@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ml_dash_mcap.errors import RangeError
+from ml_dash_mcap.errors import NotFoundError, RangeError
 from ml_dash_mcap.recording import Recording
 from ml_dash_mcap.session import Session
 
@@ -188,6 +188,18 @@ def test_one_read_takes_an_index_range_a_time_range_columns_and_a_format(tmp_pat
 def test_an_index_that_is_none_is_a_value_error(tmp_path: Path, arguments: dict[str, Any]) -> None:
     with session(tmp_path) as opened, pytest.raises(ValueError, match=r"it must be an integer, 0 or more"):
         opened.track("loss").read(**arguments)
+
+
+def test_points_of_an_unknown_column_are_an_error_and_those_of_a_track_without_points_are_none(tmp_path: Path) -> None:
+    with session(tmp_path) as opened:
+        with pytest.raises(NotFoundError, match="column 'valeu'.*value"):
+            hundred(opened).read(columns=["valeu"])
+        assert opened.track("empty").read(columns=["no"])["data"] == []
+
+
+def test_an_unknown_argument_of_read_is_named_beside_the_method(tmp_path: Path) -> None:
+    with session(tmp_path) as opened, pytest.raises(TypeError, match=r"SessionTrack\.read\(\) got an unexpected .*'foo'"):
+        opened.track("loss").read(foo=1)  # type: ignore[call-overload]
 
 
 def test_a_time_range_that_ends_before_it_starts_is_a_value_error(tmp_path: Path) -> None:

@@ -119,14 +119,23 @@ class SessionTrack(BoundTopic):
         self, start_index: int = 0, limit: int | None = None, *, format: str = "json", **part: Unpack[PointWindow]
     ) -> Any: ...
     def read(
-        self, start_index: int = 0, limit: int | None = None, *, format: str = "json", **part: Unpack[PointWindow]
+        self,
+        start_index: int = 0,
+        limit: int | None = None,
+        *,
+        start_timestamp: Seconds = None,
+        end_timestamp: Seconds = None,
+        columns: Columns = None,
+        format: str = "json",
     ) -> Any:
         """Return points by index, by time, or both.
 
         Args:
             start_index: The first one wanted, counted from the first point of the time range.
             limit: How many at most; by default 1000 points as JSON, and everything in the other formats.
-            part: `start_timestamp` and `end_timestamp`, in s, both included, and `columns`, as `Track.read` has them.
+            start_timestamp: The first time wanted, in s, included; None is the beginning.
+            end_timestamp: The last time wanted, in s, included; None is the end.
+            columns: The fields wanted, nested ones under dotted names. None and an empty list are all.
             format: "json" for the dict below; "jsonl", "parquet", "mocap" and "mcap" as `Track.read` has them.
 
         Returns:
@@ -136,14 +145,17 @@ class SessionTrack(BoundTopic):
         Raises:
             RangeError: An index is negative, a time is no number, or the end lies before the start.
             FormatError: The format is none of these; a ValueError.
+            NotFoundError: As JSON: no point has such a column; a KeyError.
             StateError: The session is closed.
         """
         pages.check_range(start_index, 0 if limit is None else limit)
         self.flush()
         if format == "json":
             most = DEFAULT_LIMIT if limit is None else limit
-            return pages.page(self._readback.part(self.name, **part).rows(), start_index, most, self._readback.begun_s)
-        return render_track(self._readback.part(self.name, **part, start_index=start_index, limit=limit), format)
+            points = self._readback.points(self.name, start_timestamp, end_timestamp, columns)
+            return pages.page(points, start_index, most, self._readback.begun_s)
+        part = self._readback.part(self.name, start_timestamp, end_timestamp, columns, start_index, limit)
+        return render_track(part, format)
 
     def read_by_time(
         self,

@@ -15,6 +15,7 @@ from ..recorded_topics import stored_topic
 from ..recorder import Recorder
 from ..recording import Recording
 from ..rows.field_choice import check_columns
+from ..selection import Selection
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +121,22 @@ class Readback:
         recording = self.recording()
         start, end = check_range(start_timestamp, end_timestamp, ("start_timestamp", "end_timestamp"))
         return TopicPart(stored_topic(recording, topic), start, end, check_columns(columns), start_index, limit)
+
+    def points(
+        self,
+        topic: str,
+        start_timestamp: float | None = None,
+        end_timestamp: float | None = None,
+        columns: Iterable[str] | None = None,
+    ) -> Iterator[dict[str, Any]]:
+        """Yield the rows of a part of a topic, as dreamlake's `read` does; none if there is no such topic.
+
+        Raises:
+            NotFoundError: No row of the topic has such a column; also a KeyError.
+        """
+        part = self.part(topic, start_timestamp, end_timestamp, columns)
+        recording = self.recording()
+        return Selection(part, lambda: recording[topic].info).rows() if topic in recording else iter(())
 
     def rows(self, topic: str) -> Iterator[dict[str, Any]]:
         """Yield a topic's rows, nested as they were given and with `_ts`, in time order; none if it has none."""
