@@ -175,7 +175,10 @@ def test_a_part_of_the_rows_keeps_them_beside_its_neighbours(run: Path) -> None:
 
 @pytest.mark.parametrize("most_s", [-1.0, math.nan, "1", [1]])
 def test_a_distance_of_neighbours_that_is_none_is_named(run: Path, most_s: Any) -> None:
-    with Recording(run) as rec, pytest.raises(RangeError, match=r"with_neighbours\(most_s=.*: pass a number of seconds"):
+    with (
+        Recording(run) as rec,
+        pytest.raises(RangeError, match=r"with_neighbours\(most_s=.*: pass a number of seconds"),
+    ):
         rec["t0"].select(1.0, 2.0).with_neighbours(most_s)
 
 
@@ -189,7 +192,9 @@ def test_the_time_stamps_alone_can_be_read(run: Path) -> None:
 )
 def test_what_ranges_were_called_before_works_and_says_what_to_use(run: Path, call: str) -> None:
     with Recording(run) as rec:
-        with pytest.warns(DeprecationWarning, match=rf"TopicReader\.{call}\(\): start_timestamp= is called start= now") as caught:
+        with pytest.warns(
+            DeprecationWarning, match=rf"TopicReader\.{call}\(\): start_timestamp= is called start= now"
+        ) as caught:
             old = getattr(rec["t0"], call)(start_timestamp=3.99)
         assert [warning.filename for warning in caught] == [__file__]
         assert repr(old) == repr(getattr(rec["t0"], call)(start=3.99)) or call in ("rows", "batches")

@@ -192,13 +192,16 @@ def test_an_index_that_is_none_is_a_value_error(tmp_path: Path, arguments: dict[
 
 def test_points_of_an_unknown_column_are_an_error_and_those_of_a_track_without_points_are_none(tmp_path: Path) -> None:
     with session(tmp_path) as opened:
-        with pytest.raises(NotFoundError, match="column 'valeu'.*value"):
+        with pytest.raises(NotFoundError, match=r"column 'valeu'.*value"):
             hundred(opened).read(columns=["valeu"])
         assert opened.track("empty").read(columns=["no"])["data"] == []
 
 
 def test_an_unknown_argument_of_read_is_named_beside_the_method(tmp_path: Path) -> None:
-    with session(tmp_path) as opened, pytest.raises(TypeError, match=r"SessionTrack\.read\(\) got an unexpected .*'foo'"):
+    with (
+        session(tmp_path) as opened,
+        pytest.raises(TypeError, match=r"SessionTrack\.read\(\) got an unexpected .*'foo'"),
+    ):
         opened.track("loss").read(foo=1)  # type: ignore[call-overload]
 
 
