@@ -103,7 +103,7 @@ _OF_RECORDINGS = [
     name
     # Taken from the signature, so that a new option of `Recording` needs no second list.
     for name, parameter in inspect.signature(Recording).parameters.items()
-    if parameter.kind is parameter.KEYWORD_ONLY
+    if parameter.kind is parameter.KEYWORD_ONLY and name != "store"  # the store of `convert` is that of `dest`
 ]
 """The options of opening a recording, such as `on_damage`."""
 

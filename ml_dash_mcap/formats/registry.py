@@ -227,9 +227,11 @@ def register(format: Format) -> None:
     A format that is registered is asked for a file before those that were there.
 
     Raises:
-        UsageError: There is a format of that name.
+        UsageError: There is a format of that name, or what was passed is no Format; also a TypeError.
     """
     global _formats
+    if not isinstance(format, Format):
+        raise UsageError(f"register({format!r}): pass a Format(...), not {type(format).__name__}")
     if format.name in _formats:
         raise UsageError(f"register(): there is a format {format.name!r} already; choose another name")
     # A new dict instead of a change: another thread may be going through the old one.
@@ -319,18 +321,22 @@ def make_options(options: Reference, given: Mapping[str, Any], subject: str) -> 
 
     Args:
         options: The dataclass.
-        given: Option to its value; or an instance of the dataclass as `options`.
+        given: Option to its value; or an instance of the dataclass as `options`, where None is no options.
         subject: Whose options they are, for the error message.
 
     Raises:
-        UsageError: There is no such option.
+        UsageError: There is no such option, or options are given in both ways.
         OptionError: An option has a value that it cannot have.
     """
     kind = load(options)
-    if given.keys() == {"options"}:
-        if isinstance(given["options"], kind):
-            return given["options"]
-        raise UsageError(f"{subject} takes {kind.__name__} as options=, not {type(given['options']).__name__}")
+    instance = given.get("options")
+    given = {name: value for name, value in given.items() if name != "options"}
+    if instance is not None:
+        if not isinstance(instance, kind):
+            raise UsageError(f"{subject} takes {kind.__name__} as options=, not {type(instance).__name__}")
+        if given:
+            raise UsageError(f"{subject} got options= and {', '.join(given)}= too; put them into {kind.__name__}(...)")
+        return instance
     offered = option_names(kind)
     for name in given:
         if name not in offered:

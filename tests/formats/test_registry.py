@@ -6,9 +6,10 @@ import dataclasses
 import re
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
-from ml_dash_mcap import Recording
+from ml_dash_mcap import ParquetWriteOptions, Recorder, Recording, convert
 from ml_dash_mcap.errors import FormatError, OptionError, UsageError
 from ml_dash_mcap.formats import registry
 from ml_dash_mcap.formats.registry import NoOptions
@@ -56,6 +57,36 @@ def test_an_option_that_is_none_is_named_with_those_that_there_are(tmp_path: Pat
         registry.make_options(NoOptions, {"a": 1}, "x")
     with pytest.raises(OptionError, match="on_bad='no'"):
         registry.make_options("tables.table_options:TableReadOptions", {"on_bad": "no"}, "x")
+
+
+def test_options_are_given_in_one_way(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "run") as recorder:
+        recorder.topic("arm").append(q=[0.1, 0.2], _ts=0.5)
+    with Recording(tmp_path / "run") as recording:
+        path = recording.export(tmp_path / "a.parquet", options=None, flatten=True)
+        assert pq.read_schema(path).names == ["_ts", "timestamp_ns", "q.0", "q.1"]
+        path = recording.export(tmp_path / "b.parquet", options=None)
+        assert pq.read_schema(path).names == ["_ts", "timestamp_ns", "q"]
+        with pytest.raises(UsageError, match=r"got options= and flatten= too; put them into ParquetWriteOptions\("):
+            recording.export(tmp_path / "c.parquet", options=ParquetWriteOptions(), flatten=True)
+    convert(path, tmp_path / "back", options=None)
+    with Recording(tmp_path / "back") as back:
+        assert list(back.topics) == ["arm"]
+
+
+def test_convert_offers_the_options_that_it_takes(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "run") as recorder:
+        recorder.topic("arm").append(q=0.1, _ts=0.5)
+    with pytest.raises(
+        UsageError, match=r"have no option 'foo'; they have run, recover, on_damage.*flatten$"
+    ) as caught:
+        convert(tmp_path / "run", tmp_path / "x.parquet", foo=1)
+    assert "store" not in str(caught.value).split("they have")[1]
+
+
+def test_only_a_format_is_registered() -> None:
+    with pytest.raises(UsageError, match=r"^register\(5\): pass a Format\(\.\.\.\), not int$"):
+        registry.register(5)  # type: ignore[arg-type]
 
 
 def test_a_suffix_that_means_no_format_is_an_error_with_all_that_do(tmp_path: Path) -> None:

@@ -53,6 +53,11 @@ class Clock:
     first_s: float
     """The first time stamp, in s."""
 
+    @property
+    def stated_rate(self) -> float:
+        """Frames a second as files say it: 1.0 of a single frame, because other programs refuse a rate of 0."""
+        return self.rate or 1.0
+
     def time_decimals(self, decimals: int | None) -> int | None:
         """Return how many decimals times need so that no two frames print the same; None for all.
 
@@ -72,7 +77,7 @@ class Clock:
         """Return the frames [first, stop)."""
         which = np.arange(first, stop)
         if self.is_resampled:
-            return ClockPart(which, self.first_s + which / self.rate)
+            return ClockPart(which, self.first_s + which / self.stated_rate)
         after = np.minimum(np.searchsorted(self.numbers, which), len(self.numbers) - 1)
         before = np.maximum(after - 1, 0)
         span = np.maximum(self.numbers[after] - self.numbers[before], 1)

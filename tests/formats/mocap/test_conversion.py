@@ -28,6 +28,32 @@ def test_a_file_opens_as_a_recording(name: str, tmp_path: Path) -> None:
         assert [row["_ts"] for row in opened[topic].rows()] == [0.0, 0.25, 0.5]
 
 
+@pytest.mark.parametrize("rate", [None, "median"])
+@pytest.mark.parametrize("name", ["mocap.csv", "vicon.csv", "trc.trc", "qtm.tsv", "sto.sto", "c3d.c3d"])
+def test_one_row_comes_back_from_each_format(name: str, rate: str | None, tmp_path: Path) -> None:
+    with record(
+        tmp_path / "run", {"arm": [{"pos": [1.0, 2.0, 3.0], "quat": UNIT, "q": [0.5], "_ts": 7.5}]}
+    ) as recording:
+        file = recording.export(tmp_path / name, format=name.partition(".")[0], rate=rate)
+    with Recording(file) as opened:
+        (row,) = opened["arm"].rows()
+    assert row["_ts"] == 7.5
+    assert row == {**row, "q": [0.5]} if name == "sto.sto" else row["pos"] == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "rate"), [("vicon.csv", "\n1\n"), ("qtm.tsv", "FREQUENCY\t1\n"), ("trc.trc", "\n1\t1\t")]
+)
+def test_the_rate_of_one_row_is_one_as_others_refuse_zero(name: str, rate: str, tmp_path: Path) -> None:
+    with record(tmp_path / "run", {"arm": [{"pos": [1.0, 2.0, 3.0], "_ts": 7.5}]}) as recording:
+        file = recording.export(tmp_path / name, format=name.partition(".")[0])
+    text = file.read_text()
+    assert rate in text
+    file.write_text(text.replace(rate, rate.replace("1", "0")))  # as earlier releases wrote it
+    with Recording(file) as opened:
+        assert list(opened["arm"].rows()) == [{"pos": [1.0, 2.0, 3.0], "_ts": 7.5}]
+
+
 def test_a_take_is_converted_with_the_joints_beside_it(tmp_path: Path) -> None:
     with record(tmp_path / "run", take()) as recording:
         recording.export(tmp_path / "x.csv", format="mocap")

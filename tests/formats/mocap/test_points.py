@@ -305,6 +305,7 @@ def test_the_sections_of_a_vicon_file_become_topics(tmp_path: Path) -> None:
         ("x.csv", VICON.replace("-391.888", "-391;888"), "line 6, column 3"),
         ("x.csv", VICON.replace("Devices\n200", "Things\nfast"), "line 9: 'Things' is not the name of a section"),
         ("x.csv", VICON.replace("\n100\n", "\nfast\n"), "line 2, column 1: 'fast' is not a rate"),
+        ("x.csv", VICON.replace("\n100\n", "\n0\n"), "line 2, column 1: '0' is not a rate"),
         ("x.csv", VICON.replace("Frame,Sub Frame,X", "Bild,Sub Frame,X"), "line 4, column 1"),
         ("x.csv", VICON.replace(",1713.8", ",1713.8,9"), "line 6: the line has 9 cells"),
         ("x.trc", "".join(line for line in TRC.splitlines(True)[:6] if "X1" not in line).rstrip() + "\n1\t0.0\t1\t2\t3\t4\t5\t6\n", "line 5, column 1: .* no row of axes"),

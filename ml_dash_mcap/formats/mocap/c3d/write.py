@@ -79,7 +79,7 @@ def _fill(file: Any, take: OutgoingTake, values: Floats, unit: str) -> None:
     points = [(thing, at + 4 * isinstance(thing, Body)) for thing, at in take.columns() if not isinstance(thing, Joint)]
     bodies = [(thing, at) for thing, at in take.columns() if isinstance(thing, Body)]
     joints = [(thing, at) for thing, at in take.columns() if isinstance(thing, Joint)]
-    parameters, count, hz = file["parameters"], len(values), take.clock.rate or 1.0
+    parameters, count, hz = file["parameters"], len(values), take.clock.stated_rate
     places = np.full((4, len(points), count), 1.0)
     for number, (thing, at) in enumerate(points):
         shift = DECIMALS[unit] - DECIMALS[take.unit_of(thing)]

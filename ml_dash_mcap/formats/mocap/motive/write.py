@@ -133,7 +133,7 @@ def _pairs(take: OutgoingTake, options: MocapWriteOptions, columns: Sequence[_Co
     clock, topics = take.clock, take.job.topics
     first = take.things[0].topic
     orders = {thing.order for thing in take.things if isinstance(thing, Body)}
-    rate = f"{clock.rate:.6f}"
+    rate = f"{clock.stated_rate:.6f}"
     pairs = {
         layout.FORMAT_VERSION: options.format_version,
         layout.TAKE_NAME: take.job.dest.stem,

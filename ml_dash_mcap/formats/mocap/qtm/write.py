@@ -29,7 +29,7 @@ def export(job: Job, options: QtmWriteOptions) -> Path:
         (layout.FRAMES, str(clock.count)),
         ("NO_OF_CAMERAS", "0"),
         ("NO_OF_MARKERS", str(len(names))),
-        (layout.FREQUENCY, f"{clock.rate:.6f}".rstrip("0").rstrip(".")),
+        (layout.FREQUENCY, f"{clock.stated_rate:.6f}".rstrip("0").rstrip(".")),
         ("NO_OF_ANALOG", "0"),
         ("ANALOG_FREQUENCY", "0"),
         ("DESCRIPTION", "--"),

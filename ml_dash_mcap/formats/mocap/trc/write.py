@@ -22,7 +22,7 @@ def export(job: Job, options: TrcWriteOptions) -> Path:
     """
     points = find(job, options, options.length_units)
     clock, names = points.take.clock, points.names
-    hz, count = f"{clock.rate:.6f}".rstrip("0").rstrip("."), clock.count
+    hz, count = f"{clock.stated_rate:.6f}".rstrip("0").rstrip("."), clock.count
     values = [hz, hz, str(count), str(len(names)), options.length_units, hz, "1", str(count)]
     axes = [f"{axis}{number + 1}" for number in range(len(names)) for axis in "XYZ"]
     lines = [

@@ -85,8 +85,9 @@ def _section(path: Path, header: HeaderLines, file: BinaryIO, title: str) -> Sec
     if rate is None and title not in SECTIONS:
         sections = ", ".join(SECTIONS)
         raise ForeignFileError(path, f"{title[:40]!r} is not the name of a section; {sections} are known", title_line)
-    if rate is None or not 0 < rate < 1e9:
-        raise ForeignFileError(path, f"{title_of(text)[:40]!r} is not a rate in Hz", header.line, 1)
+    bad_rate = ForeignFileError(path, f"{title_of(text)[:40]!r} is not a rate in Hz", header.line, 1)
+    if rate is None or not 0 <= rate < 1e9:
+        raise bad_rate
     names_text, names_line, axes_text = _names_and_axes(header)
     dialect = of_line(axes_text, default=",")
     axes, names = _axes(path, header, dialect, axes_text), without_empty_end(dialect.split(names_text))
@@ -102,9 +103,11 @@ def _section(path: Path, header: HeaderLines, file: BinaryIO, title: str) -> Sec
         filled.append(last)
     line, start = header.line + 1, header.at()
     _pass_rows(header, dialect)
+    if rate == 0 and header.line > line:
+        raise bad_rate
     return Section(
         title,
-        rate,
+        rate or 1.0,  # 0 is what earlier releases wrote of a single frame
         filled,
         axes[layout.LEADING :],
         (units + [""] * count)[layout.LEADING : count],

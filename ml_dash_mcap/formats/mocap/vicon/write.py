@@ -27,7 +27,7 @@ def export(job: Job, options: ViconWriteOptions) -> Path:
     points = find(job, options, layout.UNIT, with_rotations=True)
     bodies = [(thing, at) for thing, at in points.take.columns() if isinstance(thing, Body)]
     text = TableText(decimals=options.decimals)
-    hz = repr(points.take.clock.rate).removesuffix(".0")
+    hz = repr(points.take.clock.stated_rate).removesuffix(".0")
     with fresh_file(job.dest) as path, path.open("wb") as file:
         if points.things:
             names = ["", "", *(cell for name in points.names for cell in (name.replace(",", " "), "", ""))]
