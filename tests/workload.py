@@ -153,11 +153,11 @@ def record_until_killed(folder: str, progress: str, seed: int, signal_at: int, f
                 said_when.write(b"!")
 
 
-def record_and_end(folder: str, progress: str, seed: int, until: int, way: str) -> None:
+def record_and_end(folder: str, progress: str, seed: int, until: int, way: str, flush_interval_s: float) -> None:
     """Record and then end in one of the ways in which a process ends without being asked."""
     import ctypes
 
-    record(folder, progress, seed, until)
+    record(folder, progress, seed, until, flush_interval_s=flush_interval_s)
     ends = {
         "os._exit": lambda: os._exit(0),
         "segmentation fault": lambda: ctypes.string_at(0),
