@@ -23,9 +23,6 @@ MEDIAN_LINES = 10
 PARALLEL = {"__init__", "read", "write", "layout"}
 """Names of files that each room of a format may have."""
 
-PARALLEL_ROOMS = ({"cli", "formats", "query"}, {"cli", "run"}, {"cli", "inspect"}, {"codecs", "formats"})
-"""Rooms beside each other that may have files of one name, as a command is called like what it calls."""
-
 RIDDLES = {"said", "one", "found", "known", "ones"}
 """Names that say nothing of what they hold; a noun of the field says it."""
 
@@ -52,7 +49,7 @@ def long_files(trees: dict[Path, ast.Module]) -> Iterator[str]:
 
 
 def names_given_twice(trees: dict[Path, ast.Module]) -> Iterator[str]:
-    """Yield classes of one name, and files of one name that are not in parallel rooms."""
+    """Yield classes of one name, and files of one name but for those that each room of a format may have."""
     files, classes = defaultdict(list), defaultdict(list)
     for path, tree in trees.items():
         if path.stem not in PARALLEL:
@@ -61,8 +58,7 @@ def names_given_twice(trees: dict[Path, ast.Module]) -> Iterator[str]:
             if isinstance(node, ast.ClassDef):
                 classes[node.name].append(path)
     for name, paths in files.items():
-        rooms = {path.relative_to(ROOT).parts[0].removesuffix(".py") for path in paths}
-        if len(paths) > 1 and not any(len(rooms) == len(paths) and rooms <= parallel for parallel in PARALLEL_ROOMS):
+        if len(paths) > 1:
             yield f"files of one name, {name}.py: {', '.join(map(shown, paths))}"
     for name, paths in classes.items():
         if len(paths) > 1:
