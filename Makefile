@@ -35,7 +35,7 @@ lint: $(VENV)/dev  ## style, format, types, import directions, sizes and names
 unit: $(VENV)/dev  ## the tests, side by side on all cores
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
-torture: $(VENV)/dev  ## the laws on fifty times as many examples (some hours)
+torture: $(VENV)/dev  ## the laws on eighty times as many examples (some hours)
 	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest -n auto --dist worksteal --timeout 3600
 
 format: $(VENV)/dev  ## put the code into its format

@@ -6,7 +6,7 @@ import os
 
 from hypothesis import settings
 
-PROFILES = {"fast": 0.4, "thorough": 20.0}
+PROFILES = {"fast": 0.25, "thorough": 20.0}
 """Name of a profile to what the number of examples of each law is multiplied with."""
 
 _PROFILE = os.environ.get("HYPOTHESIS_PROFILE", "fast")
