@@ -33,10 +33,27 @@ def mismatches(value: object, schema: object, path: str = "$") -> Iterator[str]:
         for name, field in _properties(schema).items():
             yield from mismatches(value.get(name), field, f"{path}.{name}")
     elif isinstance(value, list):
+        if _all_fit(value, schema.get("items")):
+            return
         for number, item in enumerate(value):
             yield from mismatches(item, schema.get("items"), f"{path}[{number}]")
     else:
         yield from _scalar_mismatches(value, schema, path)
+
+
+_EXACT: dict[object, set[type]] = {
+    "number": {int, float, type(None)},
+    "integer": {int, type(None)},
+    "boolean": {bool, type(None)},
+    "string": {str, type(None)},
+}
+
+
+def _all_fit(values: list[object], schema: object) -> bool:
+    """Whether plain values surely fit: most lists are long and plain, and this is far faster than value by value."""
+    if not isinstance(schema, dict) or not schema.keys() <= {"type"}:
+        return False
+    return {*map(type, values)} <= _EXACT.get(schema.get("type"), set())
 
 
 def _properties(schema: dict[str, object]) -> dict[str, object]:
