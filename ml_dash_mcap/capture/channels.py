@@ -38,6 +38,8 @@ class ChannelInfo:
         if self.codec is not None:
             object.__setattr__(self, "message_encoding", self.codec.message_encoding)
             object.__setattr__(self, "schema_encoding", self.codec.schema_encoding)
+            if self.schema_name is None:
+                object.__setattr__(self, "schema_name", self.codec.schema_name(self.topic))
 
     @property
     def is_inferred(self) -> bool:

@@ -43,6 +43,8 @@ class Journal(BufferRing):
         """Called after each `append` if the options ask for writing before a buffer is full."""
         self.room = Room(self, options)
         self._large_taken = self._large_given_back = 0
+        self._definitions: dict[int, tuple[bytes, bytes]] = {}
+        """The Schema and the Channel record of each topic."""
         _LIVE.add(self)
 
     def add(self, record: bytes, topic: str, last_s: float | None) -> bool:
@@ -166,21 +168,45 @@ class Journal(BufferRing):
             self.room.give_way()
         return done - refused
 
-    def register(self, definition: bytes) -> None:
+    def register(self, number: int, schema: bytes, channel: bytes) -> None:
         """Take a new topic's Schema and Channel records into this buffer and all later ones.
+
+        Args:
+            number: Of the topic.
+            schema: The Schema record.
+            channel: The Channel record.
 
         Raises:
             TopicError: There are too many topics for the size of a chunk.
         """
-        if len(self.registry) + len(definition) > self.options.chunk_bytes // 2:
+        if not self._has_room_for(len(schema) + len(channel)):
             raise TopicError(
                 f"the topics of this recording take more than half of a chunk of {self.options.chunk_bytes} bytes;"
                 " set chunk_bytes= higher, or log to fewer topics"
             )
+        self._define(number, schema, channel)
+        self.room.until(lambda: self._put_gap(schema + channel, is_extra=False), "the journal", None)
 
-        with self.lock:
-            self.registry += definition  # first: a buffer that begins meanwhile must have it
-        self.room.until(lambda: self._put_gap(definition, is_extra=False), "the journal", None)
+    def redefine(self, number: int, schema: bytes) -> bool:
+        """Take another Schema record of a topic into this buffer and all later ones.
+
+        Returns:
+            Whether it was taken; False where it is too large for the size of a chunk.
+        """
+        old, channel = self._definitions[number]
+        if not self._has_room_for(len(schema) - len(old)):
+            return False
+        self._define(number, schema, channel)
+        self.room.until(lambda: self._put_gap(schema, is_extra=False), "the journal", None)
+        return True
+
+    def _has_room_for(self, size: int) -> bool:
+        return len(self.registry) + size <= self.options.chunk_bytes // 2
+
+    def _define(self, number: int, schema: bytes, channel: bytes) -> None:
+        with self.lock:  # before the records are put: a buffer that begins meanwhile must have them
+            self._definitions[number] = (schema, channel)
+            self.registry = b"".join([record for pair in self._definitions.values() for record in pair])
 
     def add_metadata(self, record: bytes) -> None:
         """Put a Metadata record; it waits for room with every value of `on_full`.

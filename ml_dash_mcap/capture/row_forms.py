@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from ..codecs.codec import LONG_ROW_BYTES, UNKNOWN_FORM, BlockForms, Codec
+from ..codecs.codec import LONG_ROW_BYTES, UNKNOWN_FORM, BlockForms
 from ..mcap.row_arrays import Rows, taken
 from ..rows.shape import Shape
 from .channels import ChannelInfo
@@ -32,7 +32,10 @@ class RowForms:
         """
         self._channels = channels
         self._fallbacks = fallbacks
-        self._forms: dict[Codec, BlockForms] = {}
+        self._forms: dict[str, BlockForms] = {}
+        """By message encoding."""
+        self._added: set[int] = set()
+        """The channels that the forms know."""
 
     def shapes_of(self, numbers: Iterable[int]) -> dict[int, Shape]:
         """Return the shape of all rows so far by channel, for the channels among `numbers` whose schema is inferred."""
@@ -64,11 +67,11 @@ class RowForms:
         return self._learn_each(rows, np.flatnonzero(is_inferred))
 
     def _forget(self) -> None:
-        for codec, forms in self._forms.items():
+        for encoding, forms in self._forms.items():
             try:
                 forms.forget()
             except Exception as error:
-                self._fallbacks.note(f"forgetting the forms of {codec.message_encoding} rows", error, "they stay")
+                self._fallbacks.note(f"forgetting the forms of {encoding} rows", error, "they stay")
 
     def _learn_each(self, rows: Rows, which: npt.NDArray[np.intp]) -> Forms:
         """Decode some of the rows. The schema may lack the fields of a row that cannot be decoded."""
@@ -113,7 +116,10 @@ class RowForms:
         codec = self._channels[number].codec
         if codec is None:
             raise LookupError(f"the encoding of channel {number} is not known here")
-        forms = self._forms.get(codec)
+        forms = self._forms.get(codec.message_encoding)
         if forms is None:
-            forms = self._forms[codec] = codec.forms()
+            forms = self._forms[codec.message_encoding] = codec.forms()
+        if number not in self._added:
+            forms.add_channel(number, codec)
+            self._added.add(number)
         return forms

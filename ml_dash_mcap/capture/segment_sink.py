@@ -157,7 +157,7 @@ class SegmentSink:
             return info.schema_record(info.schema or b"")
         schema = self._schema(info, info.codec, shape)
         record = info.schema_record(schema)
-        if shape is None:
+        if shape is None and info.codec.follows_shapes:
             return record
         # `space` is that of the whole record, of which only the schema's text is padded.
         length = space - (len(record) - len(schema)) if space else 2 * len(schema) + _SPARE_BYTES

@@ -99,16 +99,22 @@ class TopicRegistry:
                 default = self._encoding if kind == TRACK else "json"
                 codec = codec_table.to_record(default if about.encoding is None else about.encoding)
                 schema = None if about.schema is None else dumps(dict(about.schema))
-                info = ChannelInfo(next(self._numbers), name, kind, texts, schema, about.schema_name, codec)
+                number = next(self._numbers)
+                codec = codec.for_channel(name, declare=lambda schema: self._redefine(number, schema))
+                info = ChannelInfo(number, name, kind, texts, schema, about.schema_name, codec)
                 if info.number > _MAX_TOPICS:
                     raise TopicError(f"topic {name!r}: a recording holds {_MAX_TOPICS} topics, and has them")
                 self.channels[info.number] = info
-                self._journal.register(info.schema_record(info.first_schema()) + info.channel_record())
+                self._journal.register(number, info.schema_record(info.first_schema()), info.channel_record())
                 # a signal handler may have opened the topic meanwhile; then this number has no rows
                 topic = self._topics.setdefault(key, make(info))
         if texts and not is_new:
             write_metadata(self._journal, TOPIC_RECORD, {"topic": name, **texts})
         return topic
+
+    def _redefine(self, number: int, schema: bytes) -> bool:
+        """Let the journal know a topic's wider schema; returns whether it has room for it."""
+        return self._journal.redefine(number, self.channels[number].schema_record(schema))
 
     def _texts(self, key: tuple[str, str], about: TopicAbout) -> dict[str, str]:
         metadata = about.metadata

@@ -66,6 +66,9 @@ class BlockForms(Protocol):
     def of_rows(self, rows: Rows) -> npt.NDArray[np.int32]:
         """Return the form of each row, [N], and widen the channels' shapes. None of the rows is a long one."""
 
+    def add_channel(self, channel: int, codec: Codec) -> None:
+        """Take a channel with its codec, before the first of its rows."""
+
     def shape_of(self, channel: int) -> Shape | None:
         """Return the shape of a channel's rows so far; None if it has had no rows."""
 
@@ -121,6 +124,25 @@ class Codec(MessageCodec, Protocol):
 
     message_encoding: str
     schema_encoding: str
+
+    follows_shapes: bool = True
+    """Whether the schema follows from the shapes of the rows, which the writer thread learns. Otherwise the codec knows
+    it itself, as soon as a row is encoded."""
+
+    def for_channel(self, topic: str, schema: bytes = b"", declare: Callable[[bytes], bool] | None = None) -> Codec:
+        """Return the codec of the rows of one channel; the same object where the encoding knows nothing of channels.
+
+        Args:
+            topic: The channel's.
+            schema: Of the rows so far, where some were recorded before; empty otherwise.
+            declare: Called with each wider schema, before a row is encoded with it; returns whether there is room
+                for it. What it raises, `dumps` raises.
+        """
+        return self
+
+    def schema_name(self, topic: str) -> str:
+        """Return the name of the schema of a topic."""
+        return topic
 
     # -- append: an appending thread calls these -----------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from ..mcap.row_arrays import Rows, by_channel
 from ..rows.schema import TopicShape
 from ..rows.shape import Shape
 from ..rows.value_shapes import of_values
+from .codec import Codec
 from .encoded_channel import Row
 
 _SLICE = 32
@@ -45,6 +46,9 @@ class DecodedForms:
     def forget(self) -> None:
         """Forget all but the shapes."""
         self._forms, self._keys = {}, []
+
+    def add_channel(self, channel: int, codec: Codec) -> None:
+        """Pass over it: the rows tell all."""
 
     def learn(self, channel: int, payload: bytes) -> int:
         """Widen a channel's shape by one row; returns the row's form."""

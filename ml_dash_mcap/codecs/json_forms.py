@@ -8,7 +8,7 @@ import numpy.typing as npt
 from ..mcap.message_records import MESSAGE_HEAD_BYTES
 from ..mcap.row_arrays import Rows, by_channel
 from ..rows.shape import Shape
-from .codec import UNKNOWN_FORM
+from .codec import UNKNOWN_FORM, Codec
 from .json_skeleton import Bones, Skeletons, guess
 
 
@@ -32,6 +32,9 @@ class JsonForms:
         """Forget all but the shapes."""
         for skeletons in self._skeletons.values():
             skeletons.forget()
+
+    def add_channel(self, channel: int, codec: Codec) -> None:
+        """Pass over it: the rows tell all."""
 
     def learn(self, channel: int, payload: bytes) -> int:
         """Widen a topic's shape by one row; returns the row's form."""

@@ -1,32 +1,181 @@
-"""Decodes Protobuf messages; nothing is recorded in them."""
+"""Protobuf: rows as messages of a type that is inferred from them, and messages of others by their descriptors.
+
+An object of the codec records the rows of one channel, because fields get their numbers while rows are appended.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
-from operator import itemgetter
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from google.protobuf.descriptor import Descriptor, FieldDescriptor
-from google.protobuf.message import DecodeError, Message
-from mcap.records import Schema as SchemaRecord
-from mcap_protobuf.decoder import DecoderFactory
-
-from ..errors import EncodingError
-from .codec import MessageCodec
+from ..errors import FieldError
+from ..rows import foreign_values
+from ..rows.plain_row import TIME_KEY, PlainRow
+from ..rows.shape import Shape
+from . import protobuf_messages
+from .codec import BlockForms, Codec
 from .encoded_channel import Decoder, EncodedChannel, Row
+from .proto import descriptor, row_parts
+from .proto.growth import Growth
+from .proto.layout import ROW, Layout
+from .proto.row_decoder import RowDecoder
+from .proto.row_encoder import RowEncoder
 
-Convert = Callable[[Any], Any]
+_MOST_GROWTHS = 200
+"""How often the layout of a topic grows; what comes later has no field. Each growth writes the whole descriptor into
+the journal."""
+
+_LOCK_WAIT_S = 1.0
+"""After a fork, another thread of the parent may hold the lock in the child for ever."""
 
 
-class ProtobufCodec(MessageCodec):
-    """Messages whose schema is a set of file descriptors."""
+class ProtobufCodec(Codec):
+    """Rows of one channel as protobuf messages. Any thread may call it."""
+
+    message_encoding = "protobuf"
+    schema_encoding = "protobuf"
+    follows_shapes = False
+
+    def __init__(self, topic: str = "", layout: Layout = ROW, declare: Callable[[bytes], bool] | None = None) -> None:
+        """Begin with a layout.
+
+        Args:
+            topic: The channel's.
+            layout: Of the rows so far.
+            declare: Called with each wider schema, before a row is encoded with it; returns whether there is room
+                for it.
+        """
+        self.topic = topic
+        self.layout = layout
+        self._declare = declare
+        self._lock = threading.RLock()
+        """Guards the growth of the layout."""
+        self._is_growing = False
+        self._growths = 0
+
+    def for_channel(self, topic: str, schema: bytes = b"", declare: Callable[[bytes], bool] | None = None) -> Codec:
+        """Return a codec for the rows of one channel."""
+        layout = descriptor.decode(schema, descriptor.full_name(topic)) if schema else None
+        return ProtobufCodec(topic, layout or ROW, declare)
+
+    # -- append --------------------------------------------------------------------------------------------------------
+
+    default = staticmethod(foreign_values.simple)
+    probe = b"\xff" * 16  # of no meaning: there is nothing to recheck
+
+    def dumps(self, fields: dict[str, Any], default: Any) -> bytes:
+        """Encode a row."""
+        return self._encoded(PlainRow(self.topic).row(fields))
+
+    def encode_exactly(self, fields: Mapping[str, Any], topic: str) -> bytes:
+        """Encode a row, or say which of its values cannot be stored."""
+        row = PlainRow(topic).row(fields)
+        for name, value in row.items():
+            try:
+                RowEncoder().encode(ROW, {name: value, TIME_KEY: 0.0})
+            except FieldError as error:
+                raise FieldError(f"append() on topic {topic!r}: field {name!r} cannot be stored: {error}") from error
+        return self._encoded(row)
+
+    def recheck(self, payload: bytes, fields: Mapping[str, Any], topic: str, probe: int | bytes) -> tuple[bytes, Any]:
+        """Return the payload as it is."""
+        return payload, probe
+
+    def encode_read(self, row: Row) -> bytes:
+        """Encode a row that was read."""
+        return self._encoded(PlainRow("").row(row), is_read=True)
+
+    def _encoded(self, row: dict[str, Any], *, is_read: bool = False) -> bytes:
+        fields = {key: value for key, value in row.items() if key != TIME_KEY}
+        layout = self.layout
+        if Growth(layout).widened(layout, fields) is not layout:
+            layout = self._grown(lambda layout: Growth(layout).widened(layout, fields))
+        encoder = RowEncoder()
+        payload = encoder.encode(layout, row, is_read=is_read)
+        if not set(encoder.opaque) <= set(layout.opaque):
+            self._grown(lambda layout: layout.with_opaque(encoder.opaque))
+        return payload
+
+    def _grown(self, grow: Callable[[Layout], Layout]) -> Layout:
+        """Widen the layout, where that is possible now.
+
+        A signal handler that appends while its own thread widens the layout goes on with the layout as it is.
+        """
+        if self._growths >= _MOST_GROWTHS or not self._lock.acquire(timeout=_LOCK_WAIT_S):
+            return self.layout
+        try:
+            layout = self.layout
+            if self._is_growing:
+                return layout
+            self._is_growing = True
+            try:
+                wider = grow(layout)
+                if wider is layout:
+                    return layout
+                self._growths += 1
+                if self._declare is not None and not self._declare(descriptor.encode(wider, self.topic)):
+                    return layout
+                self.layout = wider
+                return wider
+            finally:
+                self._is_growing = False
+        finally:
+            self._lock.release()
+
+    # -- the writer ----------------------------------------------------------------------------------------------------
+
+    def forms(self) -> BlockForms:
+        """Return a learner that tells the forms of rows by their tags and lengths."""
+        from .proto.block_forms import ProtobufForms  # numpy, which no appending thread waits for
+
+        return ProtobufForms()
+
+    def schema_name(self, topic: str) -> str:
+        """Return the full name of the message."""
+        return descriptor.full_name(topic)
+
+    def schema(self, shape: Shape | None, title: str) -> bytes:
+        """Return the file descriptors of the rows so far."""
+        return descriptor.encode(self.layout, title)
+
+    def padded(self, schema: bytes, length: int) -> bytes:
+        """Return file descriptors with a field behind them that readers pass over."""
+        return descriptor.padded(schema, length)
+
+    def cut(self, payloads: Sequence[bytes]) -> list[int]:
+        """Return where each row's time stamp begins."""
+        return [row_parts.cut(payload) for payload in payloads]
+
+    def keys_of(self, payload: bytes) -> frozenset[str]:
+        """Return a row's top-level keys."""
+        return row_parts.keys(self.layout, payload)
+
+    def time_of(self, payload: bytes) -> float:
+        """Return the time stamp."""
+        return row_parts.time_of(payload)
+
+    def with_time(self, payload: bytes, seconds: float) -> bytes:
+        """Return a row at another time stamp."""
+        return row_parts.with_time(payload, seconds)
+
+    def join(self, payloads: Sequence[bytes]) -> bytes:
+        """Merge rows of one time stamp."""
+        return row_parts.join(self.layout, payloads)
+
+    def join_disjoint(self, payloads: Sequence[bytes], cuts: Sequence[int]) -> bytes:
+        """Merge rows of one time stamp without a key in common, by joining their bytes."""
+        return b"".join([*map(row_parts.up_to, payloads, cuts), payloads[-1][cuts[-1] :]])
+
+    # -- reading -------------------------------------------------------------------------------------------------------
 
     def decoder(self, channel: EncodedChannel) -> Decoder | None:
-        """Return the decoder of a channel's messages."""
-        if channel.schema.encoding != "protobuf":
+        """Return the decoder of a channel's messages, rows of ours or messages of others."""
+        schema = channel.schema
+        if schema.encoding != "protobuf":
             return None
-        decode = decoder(channel.schema.name, channel.schema.data)
+        decode = _row_decoder(schema.data, schema.name) or protobuf_messages.decoder(schema.name, schema.data)
         if channel.decoding.on_unknown == "raise":
             return decode
         misfit = channel.misfit()
@@ -40,106 +189,10 @@ class ProtobufCodec(MessageCodec):
         return decode_or_carry
 
 
-CODEC = ProtobufCodec()
-
-
 @functools.lru_cache(maxsize=256)
-def decoder(name: str, data: bytes) -> Callable[[bytes], Row]:
-    """Return the function that turns a message's bytes into a row, with the fields as its .proto file has them.
-
-    Messages are dicts, repeated fields lists, maps dicts with text for keys, enums the names of their values (or the
-    number, of one that the schema does not know). A field that can tell whether it was set is left out if it was not.
-    The function raises a `ValueError` for bytes that are no such message.
-
-    Args:
-        name: The name of the message, such as `foxglove.LaserScan`.
-        data: A serialized `google.protobuf.FileDescriptorSet`.
-
-    Raises:
-        EncodingError: The descriptors are broken, or lack that message.
-    """
-    try:
-        parse = DecoderFactory().decoder_for("protobuf", SchemaRecord(id=1, name=name, encoding="protobuf", data=data))
-        empty = parse(b"") if parse is not None else None
-    except Exception as error:  # the descriptor pool's errors have no common class
-        raise EncodingError(f"{type(error).__name__}: {error}") from error
-    if parse is None or empty is None:
-        raise EncodingError("no message is described")
-    message_class, convert = type(empty), _Rows().of(empty.DESCRIPTOR)
-
-    def decode(payload: bytes) -> Row:
-        try:
-            message = message_class.FromString(payload)
-        except DecodeError as error:
-            raise ValueError(str(error)) from error
-        row: Row = convert(message)
-        return row
-
-    return decode
+def _row_decoder(schema: bytes, name: str) -> RowDecoder | None:
+    layout = descriptor.decode(schema, name)
+    return None if layout is None else RowDecoder(layout)
 
 
-class _Rows:
-    """Converters of each kind of message. Messages may contain each other."""
-
-    def __init__(self) -> None:
-        self._converters: dict[str, Convert] = {}
-
-    def of(self, descriptor: Descriptor) -> Convert:
-        converter = self._converters.get(descriptor.full_name)
-        if converter is not None:
-            return converter
-        fields: list[tuple[str, bool, Convert | None]] = []
-
-        def convert(message: Message) -> Row:
-            row: Row = {}
-            for name, may_be_absent, convert_value in fields:
-                if may_be_absent and not message.HasField(name):
-                    continue
-                value = getattr(message, name)
-                row[name] = value if convert_value is None else convert_value(value)
-            return row
-
-        # Before its fields are looked at, because a message may contain itself.
-        self._converters[descriptor.full_name] = convert
-        fields += [(field.name, field.has_presence, self._of_field(field)) for field in descriptor.fields]
-        return convert
-
-    def _of_field(self, field: FieldDescriptor) -> Convert | None:
-        """Return the converter of a field's value; None if the value stays as it is."""
-        inner = field.message_type
-        if inner is not None and inner.GetOptions().map_entry:
-            return _map(inner.fields_by_name["key"], self._of_value(inner.fields_by_name["value"]))
-        of_value = self._of_value(field)
-        if not _is_repeated(field):
-            return of_value
-        return _AS_LIST if of_value is None else lambda values: [of_value(value) for value in values]
-
-    def _of_value(self, field: FieldDescriptor) -> Convert | None:
-        if field.message_type is not None:
-            return self.of(field.message_type)
-        if field.enum_type is not None:
-            # Reversed, so that of several names of one number (allow_alias) the first one counts.
-            names = {value.number: value.name for value in reversed(field.enum_type.values)}
-            return lambda number: names.get(number, number)
-        return None
-
-
-def _is_repeated(field: FieldDescriptor) -> bool:
-    if hasattr(field, "is_repeated"):
-        return bool(field.is_repeated)
-    return bool(field.label == FieldDescriptor.LABEL_REPEATED)  # protobuf before 6.31
-
-
-def _map(key: FieldDescriptor, of_value: Convert | None) -> Convert:
-    of_key = _BOOLS.__getitem__ if key.type == FieldDescriptor.TYPE_BOOL else str
-
-    def convert(values: Any) -> Row:
-        return {of_key(name): value if of_value is None else of_value(value) for name, value in values.items()}
-
-    return convert
-
-
-_BOOLS = {False: "false", True: "true"}
-
-_AS_LIST = itemgetter(slice(None))
-"""Takes half the time that `list` does for protobuf's containers of numbers."""
+CODEC = ProtobufCodec()

@@ -45,6 +45,9 @@ class Leftover:
         if opcode == Opcode.SCHEMA:
             schema = SCHEMA.read(fields)
             schemas[schema.id] = schema
+            info = self.channels.get(schema.id)
+            if info is not None:  # the schema grew
+                self.channels[info.number] = _with_schema(info, schema)
         elif opcode == Opcode.CHANNEL:
             info = _channel_info(CHANNEL.read(fields), schemas)
             self.channels[info.number] = info
@@ -104,5 +107,13 @@ def _channel_info(channel: Channel, schemas: dict[int, Schema]) -> ChannelInfo:
         schema_encoding=schema.encoding,
         codec=codec if isinstance(codec, Codec) else None,
     )
-    is_inferred = info.codec is not None and schema.data == info.first_schema()
-    return info if is_inferred else replace(info, schema=bytes(schema.data))
+    return _with_schema(info, schema)
+
+
+def _with_schema(info: ChannelInfo, schema: Schema) -> ChannelInfo:
+    """Return a topic with a schema, and with a codec that goes on with it if the schema is inferred."""
+    data = bytes(schema.data)
+    codec = None if info.codec is None else info.codec.for_channel(info.topic, data)
+    info = replace(info, codec=codec, schema=None)
+    is_inferred = codec is not None and data == info.first_schema()
+    return info if is_inferred else replace(info, schema=data)

@@ -165,7 +165,7 @@ def test_an_encoding_that_nobody_knows_is_carried_as_bytes(tmp_path: Path, monke
         assert list(recording["arm"].rows()) == [{"data": encoded({"n": 1, "_ts": 1.0}), "_ts": 1.0}]
 
 
-@pytest.mark.parametrize("encoding", ["cbro", "protobuf", "", 5, "JSON"])
+@pytest.mark.parametrize("encoding", ["cbro", "cdr", "", 5, "JSON"])
 def test_an_encoding_that_rows_cannot_be_recorded_in_is_refused(tmp_path: Path, encoding: Any) -> None:
     with pytest.raises(OptionError, match=r"encoding=.*(did you mean '(cbor|json)'|'json', 'cbor'|must be the name)"):
         Recorder(tmp_path / "run", RecorderOptions(encoding=encoding))
