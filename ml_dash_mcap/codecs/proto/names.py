@@ -11,6 +11,26 @@ PACKAGE = "ml_dash"
 
 TIME_NAME, EXACT_NAME, ARRAY_NAME = "_ts", "_exact", "Array"
 
+_TAKEN = frozenset(
+    {
+        ARRAY_NAME,
+        "__defineGetter__",
+        "__defineSetter__",
+        "__lookupGetter__",
+        "__lookupSetter__",
+        "__proto__",
+        "constructor",
+        "hasOwnProperty",
+        "isPrototypeOf",
+        "propertyIsEnumerable",
+        "toLocaleString",
+        "toString",
+        "valueOf",
+    }
+)
+"""Names that are no field's: the message of arrays, and what each object of JavaScript has. A field of such a name
+loses the whole topic in viewers that use protobufjs 7.2 ("duplicate name 'constructor'")."""
+
 _ODD = re.compile(r"[^A-Za-z0-9_]+")
 _LONGEST = 200
 
@@ -101,6 +121,8 @@ def json_name(name: str) -> str:
 
 
 def _identifier(key: str) -> str:
-    """Return a key as letters, digits and underscores; the same where it has no others."""
+    """Return a key as letters, digits and underscores; the same where it has no others and is not taken."""
     name = _ODD.sub("_", key)[:_LONGEST] or "field"
+    if name in _TAKEN:
+        return f"{name}_"
     return f"_{name}" if name[0].isdigit() else name

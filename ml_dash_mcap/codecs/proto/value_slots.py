@@ -37,7 +37,8 @@ class Fit(NamedTuple):
 def fit(value: Any) -> Fit | None:
     """Return the field type for a plain value (see `rows.plain_row.PlainRow`); None where no field expresses it.
 
-    That is so for None, empty lists, and lists whose elements differ in more than integers against doubles.
+    That is so for None, empty lists, lists whose elements differ in more than integers against doubles, and lists of
+    bytes: Foxglove and Lichtblick refuse a whole topic for one field of these ("Repeated bytes are not supported").
     """
     kind = _KINDS.get(type(value))
     if kind is not None:
@@ -71,7 +72,7 @@ def _fit_list(values: Sequence[Any]) -> Fit | None:
     kind = _KINDS.get(types.pop()) if len(types) == 1 else None
     if kind is Kind.INT:
         kind = _list_kind(leaves)
-    if kind is None or (lengths and not kind.is_packed):
+    if kind is None or kind is Kind.BYTES or (lengths and not kind.is_packed):
         return None
     return Fit(Slot(kind, tuple(lengths)), leaves)
 
