@@ -13,9 +13,11 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from .. import clock
+from ..codecs import payloads
 from ..codecs.codec import ColumnReader, Columns
 from ..codecs.decode import codec_of
 from ..codecs.encoded_channel import Decoder, Row
+from ..codecs.payloads import Payloads
 from ..rows import zero_copy
 from ..rows.arrow_types import of_type, type_of
 from ..rows.dotted import FIELD_PREFIX, flatten
@@ -44,15 +46,12 @@ class _CopiedMessages:
     times_ns: npt.NDArray[np.uint64]
     written: npt.NDArray[np.int64]
     """Numbers that grow in the order of writing, over all chunks and files."""
-    payloads: list[bytes]
+    payloads: Payloads
     origin: MessageOrigin
 
     def pick(self, which: npt.NDArray[np.intp]) -> _CopiedMessages:
         """Return some of them."""
-        payloads = self.payloads
-        return _CopiedMessages(
-            self.times_ns[which], self.written[which], [payloads[at] for at in which.tolist()], self.origin
-        )
+        return _CopiedMessages(self.times_ns[which], self.written[which], self.payloads.pick(which), self.origin)
 
 
 class _Some(NamedTuple):
@@ -106,7 +105,7 @@ def read(
 
 def _copied(cut: Cut) -> _CopiedMessages:
     """Copy messages out of their chunk, so that it need not be held for the few of its messages that are wanted."""
-    return _CopiedMessages(cut.times_ns, cut.written, cut.messages.payloads, cut.origin)
+    return _CopiedMessages(cut.times_ns, cut.written, payloads.of_messages(cut.messages), cut.origin)
 
 
 def _together(groups: Iterable[list[_CopiedMessages]]) -> Iterator[_Some]:
@@ -131,7 +130,7 @@ def _width(group: list[_CopiedMessages]) -> int:
 
 def _size(piece: _CopiedMessages) -> int:
     """Return how many bytes the payloads have."""
-    return sum(map(len, piece.payloads))
+    return piece.payloads.size
 
 
 class _BlockReading:
@@ -155,7 +154,7 @@ class _BlockReading:
 
     def _parse(self, key: tuple[str, int], pieces: list[_CopiedMessages]) -> list[_Parsed]:
         reader = self._reader_of(key, pieces[0].origin)
-        columns = None if reader is None else reader.read([payload for piece in pieces for payload in piece.payloads])
+        columns = None if reader is None else reader.read(payloads.joined([piece.payloads for piece in pieces]))
         if columns is None:
             return [self._decoded(pieces)]
         if len(columns.others):
@@ -198,7 +197,7 @@ class _BlockReading:
         rows: list[Row] = []
         kept: list[_CopiedMessages] = []
         for piece in pieces:
-            decoded = list(topic_rows.decode(piece.origin, piece.payloads, piece.times_ns, self._decoders))
+            decoded = list(topic_rows.decode(piece.origin, list(piece.payloads), piece.times_ns, self._decoders))
             present = np.flatnonzero([row is not None for row in decoded])  # the others are lost
             kept.append(piece if len(present) == len(decoded) else piece.pick(present))
             rows += [row for row in decoded if row is not None]
@@ -247,7 +246,7 @@ class _BlockReading:
             start += len(piece.payloads)
             if len(which):
                 chosen = piece.pick(which)
-                decoded = topic_rows.decode(chosen.origin, chosen.payloads, chosen.times_ns, self._decoders)
+                decoded = topic_rows.decode(chosen.origin, list(chosen.payloads), chosen.times_ns, self._decoders)
                 for row, written in zip(decoded, chosen.written.tolist(), strict=True):
                     if row is not None:
                         stamped.append((row[TIME_KEY], written, row))

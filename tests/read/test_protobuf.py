@@ -7,7 +7,7 @@ from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
 from google.protobuf import descriptor_pb2, json_format
 from hypothesis import given, settings
 
-from ml_dash_mcap.codecs.protobuf import decoder
+from ml_dash_mcap.codecs.protobuf_messages import decoder
 from ml_dash_mcap.errors import EncodingError
 from tests.support import protobuf_messages
 from tests.support.examples import examples
