@@ -94,7 +94,7 @@ class ProtobufCodec(Codec):
             layout = self._grown(lambda layout: Growth(layout).widened(layout, fields))
         encoder = RowEncoder()
         payload = encoder.encode(layout, row, is_read=is_read)
-        if not set(encoder.opaque) <= set(layout.opaque):
+        if encoder.opaque and layout.lacks_opaque(encoder.opaque):
             self._grown(lambda layout: layout.with_opaque(encoder.opaque))
         return payload
 
@@ -114,7 +114,7 @@ class ProtobufCodec(Codec):
                 wider = grow(layout)
                 if wider is layout:
                     return layout
-                self._growths += 1
+                self._growths += wider.size > layout.size
                 if self._declare is not None and not self._declare(descriptor.encode(wider, self.topic)):
                     return layout
                 self.layout = wider

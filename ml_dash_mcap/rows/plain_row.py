@@ -126,8 +126,10 @@ class PlainRow:
             return value
         if isinstance(value, enum.Enum):
             return self._convert(value.value, parent, key, depth + 1)
-        if isinstance(value, (bool, str)):
+        if isinstance(value, bool):
             return value
+        if isinstance(value, str):
+            return str.__str__(value)  # not str(value): a subclass may spell itself in another way
         if isinstance(value, int):
             return self._integer(value)
         if isinstance(value, float):

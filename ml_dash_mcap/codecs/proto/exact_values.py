@@ -44,6 +44,15 @@ def decode(text: bytes) -> dict[str, Any]:
     return json_text.restore(values)
 
 
+def top_level_keys(text: bytes) -> set[str]:
+    """Return the top-level keys of the values of a text.
+
+    Raises:
+        ValueError: It is no such text.
+    """
+    return {tokens(pointer_text)[0] for pointer_text in decode(text)}
+
+
 def pointer(parent: str, key: str | int) -> str:
     """Return the pointer of a value in a dict or a list."""
     return f"{parent}/{key.replace('~', '~0').replace('/', '~1') if isinstance(key, str) else key}"

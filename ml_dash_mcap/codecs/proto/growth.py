@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
-from .layout import Kind, Layout, Member, Slot
-from .value_slots import as_doubles, fit
+from .layout import Kind, Layout, Member, Slot, number_after
+from .value_slots import as_doubles, fit, is_encodable
 
 MOST_FIELDS = 4000
 """Fields of a topic, those inside dicts included."""
@@ -26,7 +26,7 @@ class Growth:
     def __init__(self, layout: Layout) -> None:
         """Begin with a layout."""
         self._room = MOST_FIELDS - layout.size
-        self._letters = _NAME_LETTERS - _letters(layout)
+        self._letters = _NAME_LETTERS - layout.letters
 
     def widened(self, layout: Layout, fields: Mapping[str, Any], depth: int = 0) -> Layout:
         """Return a layout with a field for each value that can have one; the same object if all have one.
@@ -36,57 +36,81 @@ class Growth:
             fields: Plain values by key, without the time stamp.
             depth: In how many dicts this one lies.
         """
+        draft = _Draft(layout)
         for key, value in fields.items():
-            layout = self._with_value(layout, key, value, depth)
-        return layout
+            self._take(draft, key, value, depth)
+        return draft.layout()
 
-    def _with_value(self, layout: Layout, key: str, value: Any, depth: int) -> Layout:
+    def _take(self, draft: _Draft, key: str, value: Any, depth: int) -> None:
         found = fit(value)
         if found is None:
-            return layout
+            return
         slot = found.slot
-        member = member_for(layout, key, slot, value if not slot.is_list else found.leaves)
+        member = member_for(draft, key, slot, value if not slot.is_list else found.leaves)
         if member is None:
-            member = self._new_member(layout, key, slot, depth)
+            member = self._new_member(draft.next_number, key, slot, depth)
             if member is None:
-                return layout
-            layout = layout.with_member(member)
-        if slot.kind is not Kind.DICT:
-            return layout
-        inner = member.inner or Layout()
-        for dict_ in found.leaves if slot.is_list else (value,):
-            inner = self.widened(inner, dict_, depth + 1)
-        return layout if inner is member.inner else layout.with_member(replace(member, inner=inner))
+                return
+            draft.put(member)
+        if slot.kind is Kind.DICT:
+            inner = member.inner or Layout()
+            for dict_ in found.leaves if slot.is_list else (value,):
+                inner = self.widened(inner, dict_, depth + 1)
+            if inner is not member.inner:
+                draft.put(replace(member, inner=inner))
 
-    def _new_member(self, layout: Layout, key: str, slot: Slot, depth: int) -> Member | None:
-        if self._room <= 0 or len(key) > min(_LONGEST_NAME, self._letters):
+    def _new_member(self, number: int, key: str, slot: Slot, depth: int) -> Member | None:
+        if self._room <= 0 or len(key) > min(_LONGEST_NAME, self._letters) or not is_encodable(key):
             return None
         if slot.kind is Kind.DICT and depth >= MOST_DEPTH:
             return None
         self._room -= 1
         self._letters -= len(key)
-        return Member(layout.next_number, key, slot, Layout() if slot.kind is Kind.DICT else None)
+        return Member(number, key, slot, Layout() if slot.kind is Kind.DICT else None)
 
 
-def member_for(layout: Layout, key: str, slot: Slot, values: Any) -> Member | None:
+class Members(Protocol):
+    """The fields of a message, by key and type."""
+
+    def member(self, key: str, slot: Slot) -> Member | None:
+        """Return the field of a key for values of a type; None if there is none yet."""
+
+
+class _Draft:
+    """A layout that is being widened. It is built once, because rows may have thousands of new fields."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._by_number: dict[int, Member] = {}
+        self._by_key: dict[tuple[str, Slot], Member] = {}
+        self.next_number = layout.next_number
+
+    def member(self, key: str, slot: Slot) -> Member | None:
+        return self._by_key.get((key, slot)) or self._layout.member(key, slot)
+
+    def put(self, member: Member) -> None:
+        self._by_number[member.number] = self._by_key[member.key, member.slot] = member
+        if member.number == self.next_number:
+            self.next_number = number_after(member.number)
+
+    def layout(self) -> Layout:
+        return self._layout.with_members(self._by_number) if self._by_number else self._layout
+
+
+def member_for(members: Members, key: str, slot: Slot, values: Any) -> Member | None:
     """Return the field that holds a value; None if there is none yet.
 
     Integers go into a field of doubles if their key has one, so that viewers plot one series; the exact text then says
     that they were integers.
 
     Args:
-        layout: Of the dict.
+        members: Of the dict.
         key: Of the value.
         slot: That fits the value.
         values: The value, or the leaves of a list.
     """
     if slot.kind in (Kind.INT, Kind.UINT):
-        double = layout.member(key, Slot(Kind.DOUBLE, slot.lengths))
+        double = members.member(key, Slot(Kind.DOUBLE, slot.lengths))
         if double is not None and as_doubles(values if slot.is_list else (values,)):
             return double
-    return layout.member(key, slot)
-
-
-def _letters(layout: Layout) -> int:
-    inside: Sequence[int] = [_letters(member.inner) for member in layout.members if member.inner is not None]
-    return sum(len(member.key) for member in layout.members) + sum(inside)
+    return members.member(key, slot)

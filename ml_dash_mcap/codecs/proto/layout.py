@@ -26,6 +26,10 @@ _RESERVED_NUMBERS = range(19_000, 20_000)
 """Protobuf keeps these for itself."""
 
 
+MOST_OPAQUE = 100
+"""So many paths of values without a field are named."""
+
+
 class Kind(Enum):
     """The type of a field."""
 
@@ -99,7 +103,7 @@ class Member:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The fields of one message. It does not change; `with_member` returns another one."""
+    """The fields of one message. It does not change; `with_members` returns another one."""
 
     members: tuple[Member, ...] = ()
     """In the order of their numbers."""
@@ -107,6 +111,10 @@ class Layout:
     """Whether it is the message of a whole row, which has a time stamp and an exact text besides."""
     opaque: tuple[str, ...] = ()
     """Of a row: the paths (dotted) of values that some rows have in the exact text, because no field expresses them."""
+    size: int = field(init=False, compare=False, repr=False)
+    """The number of fields, those inside included."""
+    letters: int = field(init=False, compare=False, repr=False)
+    """The length of all keys together, those inside included."""
     by_number: Mapping[int, Member] = field(init=False, compare=False, repr=False)
     by_key: Mapping[str, Mapping[Slot, Member]] = field(init=False, compare=False, repr=False)
 
@@ -116,33 +124,42 @@ class Layout:
         for member in self.members:
             by_key.setdefault(member.key, {})[member.slot] = member
         object.__setattr__(self, "by_key", by_key)
+        inner = [member.inner for member in self.members if member.inner is not None]
+        object.__setattr__(self, "size", len(self.members) + sum(layout.size for layout in inner))
+        letters = sum(len(member.key) for member in self.members) + sum(layout.letters for layout in inner)
+        object.__setattr__(self, "letters", letters)
 
     @property
     def next_number(self) -> int:
         """The number for the next field."""
         if not self.members:
             return _FIRST_NUMBER if self.is_row else _FIRST_NUMBER_INSIDE
-        number = self.members[-1].number + 1
-        return _RESERVED_NUMBERS.stop if number in _RESERVED_NUMBERS else number
-
-    @property
-    def size(self) -> int:
-        """The number of fields, those inside included."""
-        return len(self.members) + sum(member.inner.size for member in self.members if member.inner is not None)
+        return number_after(self.members[-1].number)
 
     def member(self, key: str, slot: Slot) -> Member | None:
         """Return the field of a key for values of a type; None if there is none yet."""
         slots = self.by_key.get(key)
         return None if slots is None else slots.get(slot)
 
-    def with_member(self, member: Member) -> Layout:
-        """Return a layout with one field more, or with one replaced that has the same number."""
-        kept = tuple(member if old.number == member.number else old for old in self.members)
-        return replace(self, members=kept if member.number in self.by_number else (*self.members, member))
+    def with_members(self, changed: Mapping[int, Member]) -> Layout:
+        """Return a layout with further fields, by number in order, or with others in the place of fields it has."""
+        kept = tuple(changed.get(member.number, member) for member in self.members)
+        added = tuple(member for number, member in changed.items() if number not in self.by_number)
+        return replace(self, members=kept + added)
+
+    def lacks_opaque(self, paths: Iterable[str]) -> bool:
+        """Whether it does not name some values yet which no field expresses, and has room to do so."""
+        return len(self.opaque) < MOST_OPAQUE and not set(paths) <= set(self.opaque)
 
     def with_opaque(self, paths: Iterable[str]) -> Layout:
-        """Return a layout that names some more values which no field expresses."""
-        return replace(self, opaque=tuple(dict.fromkeys((*self.opaque, *paths))))
+        """Return a layout that names some more values which no field expresses; the same object if there is no room."""
+        opaque = tuple(dict.fromkeys((*self.opaque, *paths)))[:MOST_OPAQUE]
+        return self if opaque == self.opaque else replace(self, opaque=opaque)
+
+
+def number_after(number: int) -> int:
+    """Return the next number that a field may have."""
+    return _RESERVED_NUMBERS.stop if number + 1 in _RESERVED_NUMBERS else number + 1
 
 
 ROW = Layout(is_row=True)

@@ -52,7 +52,7 @@ def _keys_of_field(layout: Layout, payload: bytes, field: wire.WireField) -> set
     if field.number == TIME_NUMBER:
         return {TIME_KEY}
     if field.number == EXACT_NUMBER:
-        return {EXACT_KEY, *map(_top_level, exact_values.decode(payload[field.value_start : field.end]))}
+        return {EXACT_KEY, *exact_values.top_level_keys(payload[field.value_start : field.end])}
     return {_key(layout, field)}
 
 

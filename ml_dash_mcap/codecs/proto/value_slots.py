@@ -37,10 +37,13 @@ class Fit(NamedTuple):
 def fit(value: Any) -> Fit | None:
     """Return the field type for a plain value (see `rows.plain_row.PlainRow`); None where no field expresses it.
 
-    That is so for None, empty lists, lists whose elements differ in more than integers against doubles, and lists of
-    bytes: Foxglove and Lichtblick refuse a whole topic for one field of these ("Repeated bytes are not supported").
+    That is so for None, empty lists, lists whose elements differ in more than integers against doubles, text that is
+    no Unicode, and lists of bytes: Foxglove and Lichtblick refuse a whole topic for one field of these ("Repeated bytes
+    are not supported").
     """
     kind = _KINDS.get(type(value))
+    if kind is Kind.TEXT and not is_encodable(value):
+        return None
     if kind is not None:
         return Fit(Slot(_int_kind(value) if kind is Kind.INT else kind))
     if isinstance(value, np.ndarray):
@@ -53,6 +56,17 @@ def as_doubles(values: Sequence[Any]) -> bool:
     return all(type(value) is float or -_EXACT_INTEGER <= value <= _EXACT_INTEGER for value in values)
 
 
+def is_encodable(text: str) -> bool:
+    """Whether UTF-8 has bytes for a text, which it has not for lone surrogates."""
+    if text.isascii():
+        return True
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def _int_kind(value: int) -> Kind:
     return Kind.UINT if value > _LARGEST_SIGNED else Kind.INT
 
@@ -60,7 +74,7 @@ def _int_kind(value: int) -> Kind:
 def _fit_list(values: Sequence[Any]) -> Fit | None:
     lengths: list[int] = []
     leaves = values
-    while leaves and set(map(type, leaves)) <= {list, tuple}:
+    while leaves and all(issubclass(type_, (list, tuple)) for type_ in set(map(type, leaves))):
         length = len(leaves[0])
         if not length or any(len(inner) != length for inner in leaves):
             return None
@@ -73,6 +87,8 @@ def _fit_list(values: Sequence[Any]) -> Fit | None:
     if kind is Kind.INT:
         kind = _list_kind(leaves)
     if kind is None or kind is Kind.BYTES or (lengths and not kind.is_packed):
+        return None
+    if kind is Kind.TEXT and not all(map(is_encodable, leaves)):
         return None
     return Fit(Slot(kind, tuple(lengths)), leaves)
 
