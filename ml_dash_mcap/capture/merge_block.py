@@ -6,7 +6,7 @@ Rows of different blocks are left to the reader: a recovery tells blocks by thei
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,12 @@ import numpy.typing as npt
 from ..codecs.codec import UNKNOWN_FORM, Codec
 from ..mcap.message_records import MESSAGE_HEAD_BYTES
 from ..mcap.row_arrays import Rows, replaced
+from .disjoint_rows import KeysOf
+from .join_rows import join, joinable
+from .same_time import Groups, groups_of
+
+Note = Callable[[int, list[int], bool], None]
+"""Takes a channel id, the numbers of rows that merge, and whether these have no field in common."""
 
 _SLICE = 64
 _MOST_BYTES = 4 * 1024 * 1024
@@ -27,8 +33,8 @@ def merge_same_time(
     rows: Rows,
     codecs: Mapping[int, Codec],
     forms: npt.NDArray[np.int32],
-    keys_of: Callable[[int, int], frozenset[str]],
-    note: Callable[[int, list[int], bool], None] = lambda channel, numbers, is_disjoint: None,
+    keys_of: KeysOf,
+    note: Note | None = None,
 ) -> Rows:
     """Merge the rows that share topic and time stamp; the same object comes back where there are none.
 
@@ -37,34 +43,70 @@ def merge_same_time(
         codecs: By channel id, the codec of the channels whose rows merge (those of metrics and logs do not).
         forms: The form of each row, [N].
         keys_of: Returns the top-level keys of a channel's form.
-        note: Called with the channel id, the numbers of rows that merge, and whether these have no field in common.
+        note: Called for each merged row.
     """
-    groups = _groups(rows, codecs)
-    if not groups:
+    groups = groups_of(rows, codecs)
+    if not len(groups):
         return rows
+    are_joinable, cuts, openings = joinable(rows, groups, codecs, forms, keys_of)
+    others = groups.where(~are_joinable)
+    numbers = np.arange(len(rows))
+    if are_joinable.any():
+        groups, is_member = groups.where(are_joinable), np.repeat(are_joinable, groups.sizes)
+        if note is not None:
+            _note_disjoint(rows, groups, note)
+        rows, is_left = join(rows, groups, cuts[is_member], openings[is_member])
+        numbers = np.flatnonzero(is_left)
+        others = Groups(np.searchsorted(numbers, others.members), others.firsts)
+    if not len(others):
+        return rows
+    return _merge_others(rows, others, numbers, codecs, _FormKeys(forms[numbers].tolist(), keys_of), note)
+
+
+def _note_disjoint(rows: Rows, groups: Groups, note: Note) -> None:
+    channels = rows.channels[groups.members[groups.firsts]].tolist()
+    for channel, numbers in zip(channels, groups.lists(), strict=True):
+        note(channel, numbers, True)
+
+
+def _merge_others(
+    rows: Rows,
+    groups: Groups,
+    numbers: npt.NDArray[np.intp],
+    codecs: Mapping[int, Codec],
+    form_keys: _FormKeys,
+    note: Note | None,
+) -> Rows:
+    """Merge the rows of groups that cannot be merged many at a time.
+
+    Args:
+        rows: Of the block; some may be merged already.
+        groups: Of these rows.
+        numbers: The number of each row in the block as it was appended, [N].
+        codecs: By channel id.
+        form_keys: Of these rows.
+        note: See `merge_same_time`.
+    """
     merged = _Merged(rows)
     block = memoryview(rows.data)  # type: ignore[arg-type]  # numpy's stubs know no buffers before 3.12
     starts, ends = (rows.starts + MESSAGE_HEAD_BYTES).tolist(), rows.ends.tolist()
-    times, channels, form_numbers = rows.times.tolist(), rows.channels.tolist(), forms.tolist()
-    form_keys = _FormKeys(keys_of)
-    for count, group in enumerate(groups):
+    times, channels = rows.times.tolist(), rows.channels.tolist()
+    for count, group in enumerate(groups.lists()):
         if count % _SLICE == _SLICE - 1:
             time.sleep(_PAUSE_S)
         channel = channels[group[0]]
         codec = codecs[channel]
         encoded = [bytes(block[starts[row] : ends[row]]) for row in group]
-        group_cuts = codec.cut(encoded)
-        for places in _same_times(codec, encoded, group_cuts):
-            numbers, parts, cuts = group, encoded, group_cuts
-            if len(places) < len(group):
-                numbers, parts = [group[place] for place in places], [encoded[place] for place in places]
-                cuts = [group_cuts[place] for place in places]
-            is_disjoint = form_keys.are_disjoint(channel, [form_numbers[row] for row in numbers])
+        cuts = codec.cut(encoded)
+        for places in _same_times(codec, encoded, cuts):
+            same, parts = [group[place] for place in places], [encoded[place] for place in places]
+            is_disjoint = form_keys.are_disjoint(channel, same)
             if not is_disjoint and sum(map(len, parts)) > _MOST_BYTES:
                 continue
-            joined = codec.join_disjoint(parts, cuts) if is_disjoint else codec.join(parts)
-            note(channel, numbers, is_disjoint)
-            merged.put(numbers, times[numbers[0]], joined)
+            joined = codec.join_disjoint(parts, [cuts[place] for place in places]) if is_disjoint else codec.join(parts)
+            merged.put(same, times[same[0]], joined)
+            if note is not None:
+                note(channel, numbers[same].tolist(), is_disjoint)
     return merged.rows()
 
 
@@ -72,7 +114,7 @@ def merge_each(
     rows: Rows,
     codecs: Mapping[int, Codec],
     on_failure: Callable[[Exception], None],
-    note: Callable[[int, list[int], bool], None],
+    note: Note | None,
 ) -> Rows:
     """Merge rows as `merge_same_time` does, one group at a time. Groups that cannot be merged are left to the reader.
 
@@ -83,7 +125,7 @@ def merge_each(
         note: See `merge_same_time`.
     """
     merged = _Merged(rows)
-    for group in _groups(rows, codecs):
+    for group in groups_of(rows, codecs).lists():
         try:
             channel = int(rows.channels[group[0]])
             codec = codecs[channel]
@@ -94,7 +136,8 @@ def merge_each(
                     continue
                 is_disjoint = _are_disjoint([codec.keys_of(part) for part in parts])
                 merged.put(numbers, int(rows.times[numbers[0]]), codec.join(parts))
-                note(channel, numbers, is_disjoint)
+                if note is not None:
+                    note(channel, numbers, is_disjoint)
         except Exception as error:
             on_failure(error)
     return merged.rows()
@@ -127,13 +170,15 @@ class _Merged:
 class _FormKeys:
     """Tells from the forms of rows whether they have a field in common."""
 
-    def __init__(self, keys_of: Callable[[int, int], frozenset[str]]) -> None:
+    def __init__(self, forms: list[int], keys_of: KeysOf) -> None:
+        self._forms = forms
         self._keys_of = keys_of
         self._answers: dict[tuple[int, ...], bool] = {}
 
-    def are_disjoint(self, channel: int, forms: list[int]) -> bool:
-        """Whether no two rows of these forms have a field in common; False where a form is not known."""
+    def are_disjoint(self, channel: int, rows: list[int]) -> bool:
+        """Whether no two of some rows have a field in common; False where the form of one is not known."""
         # The same few combinations of forms come again and again, so their answers are kept for the block.
+        forms = [self._forms[row] for row in rows]
         key = (channel, *forms)
         answer = self._answers.get(key)
         if answer is None:
@@ -153,26 +198,6 @@ def _same_times(codec: Codec, payloads: Sequence[bytes], cuts: Sequence[int]) ->
     for place, payload in enumerate(payloads):
         by_time.setdefault(codec.time_of(payload), []).append(place)
     return [places for places in by_time.values() if len(places) > 1]
-
-
-def _groups(rows: Rows, codecs: Mapping[int, Codec]) -> list[list[int]]:
-    """Return the rows that share topic and nanosecond, two or more, in the order in which they were appended."""
-    order = np.lexsort((rows.times, rows.channels))
-    channels = rows.channels[order]
-    is_like_previous = (np.diff(rows.times[order]) == 0) & (channels[1:] == channels[:-1])
-    if not is_like_previous.any():
-        return []
-    is_like_previous &= np.isin(channels[1:], list(codecs))
-    return list(_runs(order, is_like_previous))
-
-
-def _runs(order: npt.NDArray[np.intp], is_like_previous: npt.NDArray[np.bool_]) -> Iterator[list[int]]:
-    """Yield the numbers in `order` of rows that are like each other, two or more."""
-    # +1 where a run begins, -1 where it ends. Flag i is about rows i and i + 1, so a run has one row more than flags.
-    edges = np.diff(np.concatenate(([False], is_like_previous, [False])).astype(np.int8))
-    numbers = order.tolist()
-    for first, last in zip(np.flatnonzero(edges == 1).tolist(), np.flatnonzero(edges == -1).tolist(), strict=True):
-        yield sorted(numbers[first : last + 1])
 
 
 def _are_disjoint(keys: list[frozenset[str]]) -> bool:

@@ -113,15 +113,16 @@ class BlockPreparer:
         infos = list(self._channels.items())
         codecs = {number: info.codec for number, info in infos if info.kind == TRACK and info.codec is not None}
         notes: list[tuple[int, list[int], bool]] = []
+        note = (lambda *merge: notes.append(merge)) if self.steps.has_steps else None
         try:
-            merged = merge_same_time(rows, codecs, forms, self._forms.keys_of, lambda *note: notes.append(note))
+            merged = merge_same_time(rows, codecs, forms, self._forms.keys_of, note)
         except Exception as error:
             self.fallbacks.note("merging the rows of a block", error)
             # The failed attempt may have noted some merges already; they are noted again below.
-            notes = []
-            merged = merge_each(rows, codecs, self._note_unmerged, lambda *note: notes.append(note))
-        for note in notes:
-            self.steps.note_merged(*note)
+            notes.clear()
+            merged = merge_each(rows, codecs, self._note_unmerged, note)
+        for merge in notes:
+            self.steps.note_merged(*merge)
         return merged
 
     def _note_unmerged(self, error: Exception) -> None:

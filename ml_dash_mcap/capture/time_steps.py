@@ -94,6 +94,11 @@ class TimeSteps:
             steps_ns = by_ns[is_step & (channels == number)]
             self._block[number] = StepCounts(len(steps_ns), int(steps_ns.max()))
 
+    @property
+    def has_steps(self) -> bool:
+        """Whether time steps back in the block, so that merges count."""
+        return self._passes is not None
+
     def note_merged(self, channel: int, same: list[int], is_disjoint: bool) -> None:
         """Note that rows of one time and channel become one row.
 

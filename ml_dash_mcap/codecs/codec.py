@@ -241,6 +241,26 @@ class Codec(MessageCodec, Protocol):
     def join_disjoint(self, payloads: Sequence[bytes], cuts: Sequence[int]) -> bytes:
         """Merge rows of one time stamp that have no top-level key in common; `cuts` are theirs."""
 
+    opening_bytes: int | None = None
+    """How many bytes every row begins with that a merged row has once, such as a brace. None where `join_disjoint` is
+    more than this: the first row's opening, the fields of each row between its opening and its cut, and the time stamp
+    of the last row. Otherwise the writer thread joins the rows of a whole block at once."""
+
+    def cuts(
+        self, data: npt.NDArray[np.uint8], starts: npt.NDArray[np.int64], ends: npt.NDArray[np.int64]
+    ) -> npt.NDArray[np.int64] | None:
+        """Do what `cut` does for many rows at once, where `opening_bytes` is not None.
+
+        Args:
+            data: The bytes of a block. Before each row there are as many as a Message record's head has, at least.
+            starts: Where in it the rows start, [N].
+            ends: Where in it they end, [N].
+
+        Returns:
+            Where in `data` each row's time stamp begins, [N]; None if only `cut` can tell.
+        """
+        return None
+
     # -- copies --------------------------------------------------------------------------------------------------------
 
     def encode_read(self, row: Row) -> bytes:

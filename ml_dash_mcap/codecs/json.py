@@ -104,6 +104,16 @@ class JsonCodec(Codec):
         """Merge rows of one time stamp without a key in common, by joining their bytes."""
         return json_merge.join_disjoint(payloads, cuts)
 
+    opening_bytes = 1
+
+    def cuts(
+        self, data: npt.NDArray[np.uint8], starts: npt.NDArray[np.int64], ends: npt.NDArray[np.int64]
+    ) -> npt.NDArray[np.int64] | None:
+        """Return where the time stamps of many rows begin, with their keys."""
+        from . import json_cuts  # numpy, which no appending thread waits for
+
+        return json_cuts.cuts(data, starts, ends)
+
     # -- reading -------------------------------------------------------------------------------------------------------
 
     def decoder(self, channel: EncodedChannel) -> Decoder:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import FieldError
 from ..rows import foreign_values
@@ -22,6 +22,10 @@ from .proto.growth import Growth
 from .proto.layout import ROW, Layout
 from .proto.row_decoder import RowDecoder
 from .proto.row_encoder import RowEncoder
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 _MOST_GROWTHS = 200
 """How often the layout of a topic grows; what comes later has no field. Each growth writes the whole descriptor into
@@ -167,6 +171,16 @@ class ProtobufCodec(Codec):
     def join_disjoint(self, payloads: Sequence[bytes], cuts: Sequence[int]) -> bytes:
         """Merge rows of one time stamp without a key in common, by joining their bytes."""
         return b"".join([*map(row_parts.up_to, payloads, cuts), payloads[-1][cuts[-1] :]])
+
+    opening_bytes = 0
+
+    def cuts(
+        self, data: npt.NDArray[np.uint8], starts: npt.NDArray[np.int64], ends: npt.NDArray[np.int64]
+    ) -> npt.NDArray[np.int64] | None:
+        """Return where the time stamps of many rows begin."""
+        from .proto import row_cuts  # numpy, which no appending thread waits for
+
+        return row_cuts.cuts(data, starts, ends)
 
     # -- reading -------------------------------------------------------------------------------------------------------
 

@@ -300,7 +300,7 @@ def test_what_fails_for_a_block_is_done_row_by_row_and_counted(
 def test_rows_that_cannot_be_merged_are_written_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     appended(tmp_path / "well")
     monkeypatch.setattr("ml_dash_mcap.codecs.json_merge.join", raises(MemoryError()))
-    monkeypatch.setattr("ml_dash_mcap.codecs.json_merge.join_disjoint", raises(MemoryError()))
+    monkeypatch.setattr("ml_dash_mcap.codecs.json_cuts.cuts", raises(MemoryError()))
     stats = appended(tmp_path / "ill")
     assert stats["fallbacks"] == {"merging the rows of a block": 1, "merging rows of one time": 50}
     assert len(list(disk.payloads(tmp_path / "ill"))) == 150
