@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Mapping
+import weakref
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from . import clock
 from .capture.channels import ChannelInfo
@@ -19,6 +20,9 @@ from .mcap.message_records import MESSAGE_OPCODE
 from .rows.plain_row import EXACT_KEY, TIME_KEY
 from .timestamps import MISSING, Stamper
 
+if TYPE_CHECKING:
+    from .codecs.proto.compiled_rows import AppendCode
+
 _MAX_TOPIC_BYTES = 1024
 
 # Bound here, because a global costs the hot path less than an attribute of a module.
@@ -26,6 +30,9 @@ _END_S = clock.END_S
 # A Message record without its opcode, which is written last: length, channel id and sequence, log and publish time.
 _pack_tail = struct.Struct("<Q6sQQ").pack
 _OPCODE = bytes((MESSAGE_OPCODE,))
+
+_MOST_MISSES = 1000
+"""After so many rows unlike those before, a topic's `append` is not compiled any more."""
 
 T = TypeVar("T", bound="Topic")
 
@@ -63,7 +70,9 @@ class Topic:
     Any thread may call any method. Made by `Recorder.topic`.
     """
 
-    __slots__ = ("__weakref__", "_codec", "_context", "_default", "_dumps", "_head", "_journal", "_probe", "name")
+    __slots__ = (
+        *("__weakref__", "_codec", "_context", "_default", "_dumps", "_head", "_journal", "_misses", "_probe", "name"),
+    )
 
     def __init__(self, context: TopicContext, channel: ChannelInfo) -> None:
         self.name = channel.topic
@@ -73,6 +82,11 @@ class Topic:
         self._codec = channel.codec or json.CODEC
         self._dumps, self._default = self._codec.dumps, self._codec.default
         self._probe = self._codec.probe
+        self._misses = 0
+        """How often arguments came that the compiled `append` is not for."""
+        if type(self).append is Topic.append:
+            specialise = weakref.WeakMethod(self._specialise)
+            self._codec.on_compiled(lambda code: _call(specialise(), code))
 
     @property
     def encoding(self) -> str:
@@ -150,6 +164,36 @@ class Topic:
         if journal.eager is not None:
             journal.eager()
         return self
+
+    def _specialise(self, code: AppendCode | None) -> None:
+        """Give the topic a compiled `append`, in a class of its own, which holds no reference to the topic.
+
+        Args:
+            code: For the rows so far; None to go back to the plain class.
+        """
+        plain = self._plain_class()
+        if code is None or self._misses >= _MOST_MISSES:
+            self.__class__ = plain
+            return
+        from .compiled_append import compile_append
+
+        append = compile_append(code, self._head, _END_S)
+        if append is not None:
+            append.__doc__ = Topic.append.__doc__
+            self.__class__ = type(plain.__name__, (plain,), {"__slots__": (), "append": append})
+
+    def _plain_class(self: T) -> type[T]:
+        """Return the class without a compiled `append`."""
+        own = type(self)
+        return own if own.append is Topic.append else own.__bases__[0]
+
+    def _append_otherwise(self: T, positional: tuple[Any, ...], arguments: dict[str, Any], others: dict[str, Any]) -> T:
+        """Append a row whose arguments the compiled `append` is not for; if these are many, it is given up."""
+        self._misses += 1
+        if self._misses == _MOST_MISSES:
+            self.__class__ = self._plain_class()
+        fields = {name: value for name, value in arguments.items() if value is not MISSING}
+        return Topic.append(self, *positional, **fields, **others)
 
     def append_batch(self: T, rows: Iterable[Mapping[str, Any]]) -> T:
         """Take several rows, each a dict of fields with its `_ts`. If one of them is bad, none is taken.
@@ -327,6 +371,11 @@ class EventTopic(Topic):
         if self._journal.eager is not None:
             self._journal.eager()
         return taken
+
+
+def _call(install: Callable[[AppendCode | None], None] | None, code: AppendCode | None) -> None:
+    if install is not None:
+        install(code)
 
 
 def check_topic(name: object) -> None:

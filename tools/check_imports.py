@@ -26,6 +26,7 @@ FLOORS: list[set[str]] = [
     {"capture", "query"},
     {"inspect"},
     {"recovery"},
+    {"compiled_append"},
     {"topic"},
     {"recorder"},
     {"formats"},

@@ -6,6 +6,7 @@ import itertools
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from ..codecs import codec_table
@@ -100,7 +101,7 @@ class TopicRegistry:
                 codec = codec_table.to_record(default if about.encoding is None else about.encoding)
                 schema = None if about.schema is None else dumps(dict(about.schema))
                 number = next(self._numbers)
-                codec = codec.for_channel(name, declare=lambda schema: self._redefine(number, schema))
+                codec = codec.for_channel(name, declare=partial(_redefine, self._journal, self.channels, number))
                 info = ChannelInfo(number, name, kind, texts, schema, about.schema_name, codec)
                 if info.number > _MAX_TOPICS:
                     raise TopicError(f"topic {name!r}: a recording holds {_MAX_TOPICS} topics, and has them")
@@ -112,10 +113,6 @@ class TopicRegistry:
             write_metadata(self._journal, TOPIC_RECORD, {"topic": name, **texts})
         return topic
 
-    def _redefine(self, number: int, schema: bytes) -> bool:
-        """Let the journal know a topic's wider schema; returns whether it has room for it."""
-        return self._journal.redefine(number, self.channels[number].schema_record(schema))
-
     def _texts(self, key: tuple[str, str], about: TopicAbout) -> dict[str, str]:
         metadata = about.metadata
         if about.more:
@@ -124,3 +121,9 @@ class TopicRegistry:
         if metadata is not None:
             self._metadata[key] = dict(metadata)
         return texts
+
+
+# No method, because the writer thread holds the channels, and must not hold the topics.
+def _redefine(journal: Journal, channels: Mapping[int, ChannelInfo], number: int, schema: bytes) -> bool:
+    """Let the journal know a topic's wider schema; returns whether it has room for it."""
+    return journal.redefine(number, channels[number].schema_record(schema))

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from ..mcap.row_arrays import Rows
     from .encoded_channel import Decoder, EncodedChannel, Row
+    from .proto.compiled_rows import AppendCode
 
 UNKNOWN_FORM = -1
 """The form of rows that may hold anything."""
@@ -139,6 +140,14 @@ class Codec(MessageCodec, Protocol):
                 for it. What it raises, `dumps` raises.
         """
         return self
+
+    def on_compiled(self, install: Callable[[AppendCode | None], None]) -> None:
+        """Name the function that is called with the code of an `append` for rows like those that came so far.
+
+        Args:
+            install: Called by an appending thread, while it encodes a row; with None when earlier code is out of date.
+        """
+        return  # otherwise mypy takes it for abstract
 
     def schema_name(self, topic: str) -> str:
         """Return the name of the schema of a topic."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FieldError
@@ -15,13 +15,15 @@ from ..rows import foreign_values
 from ..rows.plain_row import TIME_KEY, PlainRow
 from ..rows.shape import Shape
 from . import protobuf_messages
-from .codec import BlockForms, Codec
+from .codec import BlockForms, Codec, EncodedColumns
 from .encoded_channel import Decoder, EncodedChannel, Row
-from .proto import descriptor, row_parts
+from .proto import compiled_rows, descriptor, row_parts
+from .proto.compiled_rows import AppendCode, Encode
 from .proto.growth import Growth
 from .proto.layout import ROW, Layout
 from .proto.row_decoder import RowDecoder
 from .proto.row_encoder import RowEncoder
+from .proto.row_source import NotCompilableError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -30,6 +32,12 @@ if TYPE_CHECKING:
 _MOST_GROWTHS = 200
 """How often the layout of a topic grows; what comes later has no field. Each growth writes the whole descriptor into
 the journal."""
+
+_MOST_VARIANTS, _MOST_COMPILATIONS, _MOST_KEYS = 4, 12, 256
+"""Of rows with the same keys, so many functions are kept, and so many compiled; and for so many different keys."""
+
+_MOST_RIGID = 2
+"""Of rows with the same keys, so many functions are compiled that take lists of one length only."""
 
 _LOCK_WAIT_S = 1.0
 """After a fork, another thread of the parent may hold the lock in the child for ever."""
@@ -58,11 +66,19 @@ class ProtobufCodec(Codec):
         """Guards the growth of the layout."""
         self._is_growing = False
         self._growths = 0
+        self._compiled: dict[tuple[str, ...], tuple[Encode, ...]] = {}
+        """By the keys of rows, the functions for those that came so far, the last one first."""
+        self._compilations: dict[tuple[str, ...], int] = {}
+        self._install: Callable[[AppendCode | None], None] | None = None
 
     def for_channel(self, topic: str, schema: bytes = b"", declare: Callable[[bytes], bool] | None = None) -> Codec:
         """Return a codec for the rows of one channel."""
         layout = descriptor.decode(schema, descriptor.full_name(topic)) if schema else None
         return ProtobufCodec(topic, layout or ROW, declare)
+
+    def on_compiled(self, install: Callable[[AppendCode | None], None]) -> None:
+        """Name the function that takes the code of an `append`."""
+        self._install = install
 
     # -- append --------------------------------------------------------------------------------------------------------
 
@@ -70,8 +86,33 @@ class ProtobufCodec(Codec):
     probe = b"\xff" * 16  # of no meaning: there is nothing to recheck
 
     def dumps(self, fields: dict[str, Any], default: Any) -> bytes:
-        """Encode a row."""
-        return self._encoded(PlainRow(self.topic).row(fields))
+        """Encode a row, by a compiled function if rows like it came before."""
+        for encode in self._compiled.get(tuple(fields), ()):
+            payload = encode(fields)
+            if payload is not None:
+                return payload
+        layout = self.layout
+        payload = self._encoded(PlainRow(self.topic).row(fields))
+        if layout is self.layout:
+            self._compile(fields)
+        return payload
+
+    def _compile(self, fields: dict[str, Any]) -> None:
+        """Compile a function for rows like one that had none, unless that happened too often."""
+        key = tuple(fields)
+        with self._lock:
+            if self._compilations.get(key, 0) >= _MOST_COMPILATIONS or len(self._compilations) >= _MOST_KEYS:
+                return
+            count = self._compilations[key] = self._compilations.get(key, 0) + 1
+        is_flexible = count > _MOST_RIGID
+        try:
+            encode = compiled_rows.compile_row(self.layout, fields, is_flexible=is_flexible)
+        except NotCompilableError:
+            return
+        self._compiled[key] = (encode, *self._compiled.get(key, ())[: _MOST_VARIANTS - 1])
+        code = compiled_rows.append_code(self.layout, fields, is_flexible=is_flexible)
+        if code is not None and self._install is not None:
+            self._install(code)
 
     def encode_exactly(self, fields: Mapping[str, Any], topic: str) -> bytes:
         """Encode a row, or say which of its values cannot be stored."""
@@ -87,20 +128,36 @@ class ProtobufCodec(Codec):
         """Return the payload as it is."""
         return payload, probe
 
+    def encode_columns(
+        self, times: npt.NDArray[np.float64], columns: Mapping[str, Any], topic: str, head: bytes
+    ) -> Iterator[EncodedColumns] | None:
+        """Encode rows by filling one array with the columns."""
+        if not len(times):
+            return None
+        from .proto import columns_encoder  # numpy, which no appending thread waits for
+
+        first = PlainRow(topic).row(columns_encoder.first_row(columns))
+        return columns_encoder.encode(self._wide_enough(first), times, columns, head)
+
     def encode_read(self, row: Row) -> bytes:
         """Encode a row that was read."""
         return self._encoded(PlainRow("").row(row), is_read=True)
 
     def _encoded(self, row: dict[str, Any], *, is_read: bool = False) -> bytes:
-        fields = {key: value for key, value in row.items() if key != TIME_KEY}
-        layout = self.layout
-        if Growth(layout).widened(layout, fields) is not layout:
-            layout = self._grown(lambda layout: Growth(layout).widened(layout, fields))
+        layout = self._wide_enough(row)
         encoder = RowEncoder()
         payload = encoder.encode(layout, row, is_read=is_read)
         if encoder.opaque and layout.lacks_opaque(encoder.opaque):
             self._grown(lambda layout: layout.with_opaque(encoder.opaque))
         return payload
+
+    def _wide_enough(self, row: dict[str, Any]) -> Layout:
+        """Return the layout, with a field for each value of a plain row that can have one."""
+        fields = {key: value for key, value in row.items() if key != TIME_KEY}
+        layout = self.layout
+        if Growth(layout).widened(layout, fields) is layout:
+            return layout
+        return self._grown(lambda layout: Growth(layout).widened(layout, fields))
 
     def _grown(self, grow: Callable[[Layout], Layout]) -> Layout:
         """Widen the layout, where that is possible now.
@@ -122,6 +179,9 @@ class ProtobufCodec(Codec):
                 if self._declare is not None and not self._declare(descriptor.encode(wider, self.topic)):
                     return layout
                 self.layout = wider
+                self._compiled = {}  # integers may have to go into another field now
+                if self._install is not None:
+                    self._install(None)
                 return wider
             finally:
                 self._is_growing = False
