@@ -159,7 +159,7 @@ class Recorder:
             joint_names: The names of the joints, in the order of the elements of joint angles, velocities and torques.
             frame_id: The frame to which positions, orientations and vectors are relative.
             quat_order: "xyzw" or "wxyz", of all quaternions of the topic.
-            encoding: The encoding of its rows, "json" or "cbor"; the recorder's option by default.
+            encoding: The encoding of its rows, "json", "protobuf" or "cbor"; the recorder's option by default.
 
         Raises:
             TopicError: The name is empty, too long, or not text, or the topic is open in another encoding.

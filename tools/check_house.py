@@ -20,7 +20,7 @@ FILE_LINES = 400
 MEDIAN_LINES = 10
 """How long the median function may be, from `def` to its last line, without its docstring."""
 
-PARALLEL = {"__init__", "read", "write", "layout"}
+PARALLEL = {"__init__", "read", "write", "layout", "wire"}
 """Names of files that each room of a format may have."""
 
 RIDDLES = {"said", "one", "found", "known", "ones"}

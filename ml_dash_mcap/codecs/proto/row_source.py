@@ -116,13 +116,15 @@ class RowSource:
             self._exact.append((place, "null"))
             return []
         plain = PlainRow("").row({key: value, TIME_KEY: 0.0})[key]
-        found = fit(plain)
-        member = None if found is None else member_for(layout, key, found.slot, found.leaves or plain)
-        if found is None or member is None or found.integers:
+        fitted_value = fit(plain)
+        member = (
+            None if fitted_value is None else member_for(layout, key, fitted_value.slot, fitted_value.leaves or plain)
+        )
+        if fitted_value is None or member is None or fitted_value.integers:
             raise NotCompilableError
-        if found.slot.is_list or found.slot.kind is Kind.ARRAY:
-            return self._list(member, found, value, variable)
-        if found.slot.kind is Kind.DICT:
+        if fitted_value.slot.is_list or fitted_value.slot.kind is Kind.ARRAY:
+            return self._list(member, fitted_value, value, variable)
+        if fitted_value.slot.kind is Kind.DICT:
             return self._dict(member, value, variable, place)
         return self._single(member, plain, value, variable, place)
 
@@ -159,16 +161,16 @@ class RowSource:
 
     # -- lists and arrays ----------------------------------------------------------------------------------------------
 
-    def _list(self, member: Member, found: Fit, value: Any, variable: str) -> list[Piece]:
+    def _list(self, member: Member, fitted_value: Fit, value: Any, variable: str) -> list[Piece]:
         if type(value) in (list, tuple):
-            kind = found.slot.kind
-            if kind.is_packed and kind is not Kind.UINT and found.slot == member.slot:
-                if len(found.leaves) <= _MOST_UNROLLED and not self._is_flexible:
+            kind = fitted_value.slot.kind
+            if kind.is_packed and kind is not Kind.UINT and fitted_value.slot == member.slot:
+                if len(fitted_value.leaves) <= _MOST_UNROLLED and not self._is_flexible:
                     return self._unrolled(member, value, variable)
-            elif kind is Kind.DICT or found.slot != member.slot:
+            elif kind is Kind.DICT or fitted_value.slot != member.slot:
                 raise NotCompilableError
-            return self._as_it_comes(member, found, value, variable)
-        if type(value).__module__ != "numpy" or type(value).__name__ != "ndarray" or member.slot != found.slot:
+            return self._as_it_comes(member, fitted_value, value, variable)
+        if type(value).__module__ != "numpy" or type(value).__name__ != "ndarray" or member.slot != fitted_value.slot:
             raise NotCompilableError
         return self._array(member, value, variable)
 
@@ -204,12 +206,12 @@ class RowSource:
         self._leaves.setdefault(type(value[0]), []).extend(elements)
         leaves += elements
 
-    def _as_it_comes(self, member: Member, found: Fit, value: Any, variable: str) -> list[Piece]:
+    def _as_it_comes(self, member: Member, fitted_value: Fit, value: Any, variable: str) -> list[Piece]:
         """Return the pieces of a list of any length."""
         self._lines.append(f"if type({variable}) is not {type(value).__name__}: {self._give_up}")
         fitted = self.variable()
         self._lines.append(f"{fitted} = _fit({variable})")
-        slot = self.name(found.slot)
+        slot = self.name(fitted_value.slot)
         self._lines.append(f"if {fitted} is None or {fitted}.slot != {slot} or {fitted}.integers: {self._give_up}")
         return [Piece(f"_encode_list({self.name(member)}, {fitted}.leaves)")]
 
