@@ -9,6 +9,7 @@ https://mcap.dev/spec/registry#protobuf
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import orjson
@@ -16,7 +17,7 @@ from google.protobuf import descriptor_pb2
 from google.protobuf.message import DecodeError
 
 from . import names, wire
-from .layout import EXACT_NUMBER, TIME_NUMBER, Kind, Layout, Member, Slot
+from .layout import EXACT_NUMBER, MOST_DEPTH, TIME_NUMBER, Kind, Layout, Member, Slot
 
 OPTION_NUMBER = 51_700
 """The number of our option of fields and messages, from the range that protobuf leaves to organisations."""
@@ -177,51 +178,88 @@ def decode(schema: bytes, message: str) -> Layout | None:
     """
     try:
         files = descriptor_pb2.FileDescriptorSet.FromString(schema)
-    except DecodeError:
+        for file in files.file:
+            for proto in file.message_type:
+                if f"{file.package}.{proto.name}" == message and _option(proto.options).get("ml_dash") == _VERSION:
+                    return _read_row(proto, f".{message}")
+    except (DecodeError, ValueError):  # not of our writing, though it may say so: the rules below are ours
         return None
-    for file in files.file:
-        for proto in file.message_type:
-            if f"{file.package}.{proto.name}" == message and _option(proto.options).get("ml_dash") == _VERSION:
-                return _read_message(proto)
     return None
 
 
-def _read_message(proto: Any) -> Layout | None:
-    exact = [field for field in proto.field if field.number == EXACT_NUMBER and field.name == names.EXACT_NAME]
-    opaque = _option(exact[0].options).get("opaque", []) if exact else []
-    members = _read_members(proto, {TIME_NUMBER, EXACT_NUMBER})
-    is_sound = isinstance(opaque, list) and all(isinstance(path, str) for path in opaque)
-    return None if members is None or not is_sound else Layout(members, is_row=True, opaque=tuple(opaque))
+_HEAD_OF_ROWS = [
+    (TIME_NUMBER, names.TIME_NAME, _TYPES[Kind.DOUBLE], _FieldProto.LABEL_OPTIONAL),
+    (EXACT_NUMBER, names.EXACT_NAME, _TYPES[Kind.TEXT], _FieldProto.LABEL_OPTIONAL),
+]
+"""The fields with which each message of a row begins."""
 
 
-def _read_members(proto: Any, others: set[int]) -> tuple[Member, ...] | None:
-    inner_protos = {inner.name: inner for inner in proto.nested_type}
-    members: list[Member] = []
-    for field in proto.field:
-        if field.number in others:
-            continue
-        kind = _kind(field)
-        entries = _option(field.options)
-        key, lengths = entries.get("key", field.name), entries.get("lengths", [])
-        if kind is None or not isinstance(key, str) or not _are_lengths(lengths):
-            return None
-        is_list = field.label == _FieldProto.LABEL_REPEATED
-        inner = None
-        if kind is Kind.DICT:
-            inner_proto = inner_protos.get(field.type_name.rpartition(".")[2])
-            inner_members = None if inner_proto is None else _read_members(inner_proto, set())
-            if inner_members is None:
-                return None
-            inner = Layout(inner_members)
-        members.append(Member(field.number, key, Slot(kind, tuple(lengths) if is_list else None), inner))
-    return tuple(members)
+def _read_row(proto: Any, path: str) -> Layout:
+    head = [(field.number, field.name, field.type, field.label) for field in proto.field[: len(_HEAD_OF_ROWS)]]
+    _require(head == _HEAD_OF_ROWS, "the time stamp and the exact text come first")
+    opaque = _option(proto.field[1].options).get("opaque", [])
+    _require(isinstance(opaque, list) and all(isinstance(path, str) for path in opaque), "opaque values have paths")
+    members = _Members(f"{path}.{names.ARRAY_NAME}").read(proto, proto.field[len(_HEAD_OF_ROWS) :], path)
+    _require(all(member.number > EXACT_NUMBER for member in members), "the first numbers are taken")
+    return Layout(members, is_row=True, opaque=tuple(opaque))
 
 
-def _kind(field: Any) -> Kind | None:
-    if field.type == _FieldProto.TYPE_MESSAGE:
-        # Inner messages never have this name, see `names.of_inner`.
-        return Kind.ARRAY if field.type_name.endswith(f".{names.ARRAY_NAME}") else Kind.DICT
-    return next((kind for kind, type_ in _TYPES.items() if type_ == field.type), None)
+class _Members:
+    """Reads the fields of a message and of the messages inside."""
+
+    def __init__(self, array_type: str) -> None:
+        """Take the name of the message of arrays, with a dot before it."""
+        self._array_type = array_type
+
+    def read(self, message: Any, fields: Iterable[Any], path: str, depth: int = 0) -> tuple[Member, ...]:
+        """Read the fields of one message.
+
+        Args:
+            message: Of the fields.
+            fields: All that hold values of the row.
+            path: The full name of the message, with a dot before it.
+            depth: In how many messages this one lies.
+
+        Raises:
+            ValueError: They are not of our writing.
+        """
+        _require(depth <= MOST_DEPTH, "dicts in each other have a limit")
+        inner_protos = {f"{path}.{inner.name}": inner for inner in message.nested_type}
+        members: list[Member] = []
+        slots: set[tuple[str, Slot]] = set()
+        for field in fields:
+            key, slot = _read_slot(field, self._array_type)
+            inner = None
+            if slot.kind is Kind.DICT:
+                # Each message inside is that of one field: a hostile file could have a tree without end otherwise.
+                inner_proto = inner_protos.pop(field.type_name, None)
+                _require(inner_proto is not None, "each dict has its message")
+                inner = Layout(self.read(inner_proto, inner_proto.field, field.type_name, depth + 1))
+            _require(field.number > (members[-1].number if members else 0), "the numbers rise")
+            _require((key, slot) not in slots, "a key has one field for each type")
+            slots.add((key, slot))
+            members.append(Member(field.number, key, slot, inner))
+        return tuple(members)
+
+
+def _read_slot(field: Any, array_type: str) -> tuple[str, Slot]:
+    kind = next((kind for kind, type_ in _TYPES.items() if type_ == field.type), None)
+    if kind is Kind.DICT and field.type_name == array_type:
+        kind = Kind.ARRAY
+    entries = _option(field.options)
+    key, lengths = entries.get("key", field.name), entries.get("lengths", [])
+    if kind is None or not isinstance(key, str) or not _are_lengths(lengths):
+        raise ValueError("a field has a key and a type of rows")
+    is_list = field.label == _FieldProto.LABEL_REPEATED
+    _require(is_list or field.label == _FieldProto.LABEL_OPTIONAL, "no field is required")
+    _require(not lengths or (is_list and kind.is_packed), "only lists of numbers are lists of lists")
+    _require(not is_list or kind is not Kind.ARRAY, "arrays are single values")
+    return key, Slot(kind, tuple(lengths) if is_list else None)
+
+
+def _require(is_so: bool, rule: str) -> None:
+    if not is_so:
+        raise ValueError(f"the layout is not of our writing: {rule}")
 
 
 def _are_lengths(lengths: object) -> bool:
@@ -229,12 +267,14 @@ def _are_lengths(lengths: object) -> bool:
 
 
 def _option(options: Any) -> dict[str, Any]:
-    """Return the entries of our option; none where there is none."""
-    for field in wire.fields(options.SerializeToString()):
+    """Return the entries of our option; none where there is none.
+
+    Raises:
+        ValueError: They cannot be read.
+    """
+    data = options.SerializeToString()
+    for field in wire.fields(data):
         if field.number == OPTION_NUMBER and field.wire_type == wire.DELIMITED:
-            try:
-                entries = orjson.loads(options.SerializeToString()[field.value_start : field.end])
-            except orjson.JSONDecodeError:
-                return {}
+            entries = orjson.loads(data[field.value_start : field.end])
             return entries if isinstance(entries, dict) else {}
     return {}

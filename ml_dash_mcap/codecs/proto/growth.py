@@ -6,14 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Protocol
 
-from .layout import Kind, Layout, Member, Slot, number_after
+from .layout import MOST_DEPTH, Kind, Layout, Member, Slot, number_after
 from .value_slots import as_doubles, fit, is_encodable
 
 MOST_FIELDS = 4000
 """Fields of a topic, those inside dicts included."""
-
-MOST_DEPTH = 32
-"""So many dicts may lie in each other as messages. Decoders of protobuf refuse more than 100."""
 
 _LONGEST_NAME, _NAME_LETTERS = 1024, 256 * 1024
 """The longest key that becomes a field, and the letters that all keys of a topic may have: the descriptor stands in

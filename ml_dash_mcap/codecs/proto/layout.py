@@ -26,6 +26,9 @@ _RESERVED_NUMBERS = range(19_000, 20_000)
 """Protobuf keeps these for itself."""
 
 
+MOST_DEPTH = 32
+"""So many dicts may lie in each other as messages. Decoders of protobuf refuse more than 100."""
+
 MOST_OPAQUE = 100
 """So many paths of values without a field are named."""
 
