@@ -15,7 +15,7 @@ from ..rows import foreign_values
 from ..rows.plain_row import TIME_KEY, PlainRow
 from ..rows.shape import Shape
 from . import protobuf_messages
-from .codec import BlockForms, Codec, EncodedColumns
+from .codec import BlockForms, Codec, ColumnReader, EncodedColumns
 from .encoded_channel import Decoder, EncodedChannel, Row
 from .proto import compiled_rows, descriptor, row_parts
 from .proto.compiled_rows import AppendCode, Encode
@@ -249,10 +249,13 @@ class ProtobufCodec(Codec):
         schema = channel.schema
         if schema.encoding != "protobuf":
             return None
-        decode = _row_decoder(schema.data, schema.name) or protobuf_messages.decoder(schema.name, schema.data)
-        if channel.decoding.on_unknown == "raise":
+        misfit = None if channel.decoding.on_unknown == "raise" else channel.misfit()
+        layout = _layout(schema.data, schema.name)
+        if layout is not None:
+            return RowDecoder(layout, misfit)
+        decode = protobuf_messages.decoder(schema.name, schema.data)
+        if misfit is None:
             return decode
-        misfit = channel.misfit()
 
         def decode_or_carry(payload: bytes) -> Row | None:
             try:
@@ -262,11 +265,16 @@ class ProtobufCodec(Codec):
 
         return decode_or_carry
 
+    def column_reader(self, decoder: Callable[[], Decoder], columns: Sequence[str] | None) -> ColumnReader:
+        """Return a reader of rows of ours; messages of others all become rows first."""
+        from .proto.columns import ProtobufColumnReader  # pyarrow, which only readers of columns wait for
+
+        return ProtobufColumnReader(decoder, columns)
+
 
 @functools.lru_cache(maxsize=256)
-def _row_decoder(schema: bytes, name: str) -> RowDecoder | None:
-    layout = descriptor.decode(schema, name)
-    return None if layout is None else RowDecoder(layout)
+def _layout(schema: bytes, name: str) -> Layout | None:
+    return descriptor.decode(schema, name)
 
 
 CODEC = ProtobufCodec()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from typing import Any
 
 from ...rows.plain_row import TIME_KEY
@@ -12,15 +13,37 @@ from .row_encoder import decode_array
 
 Row = dict[str, Any]
 
+Misfit = Callable[[bytes, Exception], "Row | None"]
+"""Returns what stands for a payload that is no row, by the error that it caused."""
+
 
 class RowDecoder:
     """Makes rows of the messages of one layout. Any thread may call it."""
 
-    def __init__(self, layout: Layout) -> None:
-        """Decode messages of a layout, or of an earlier one that it grew from."""
-        self.layout = layout
+    def __init__(self, layout: Layout, misfit: Misfit | None = None) -> None:
+        """Decode messages of a layout, or of an earlier one that it grew from.
 
-    def __call__(self, payload: bytes) -> Row:
+        Args:
+            layout: Of the rows.
+            misfit: Returns what stands for a payload that is no row; None if such a payload is an error.
+        """
+        self.layout = layout
+        self._misfit = misfit
+
+    def __call__(self, payload: bytes) -> Row | None:
+        """Decode a row.
+
+        Raises:
+            ValueError: It is no message of the layout.
+        """
+        if self._misfit is None:
+            return self.decode(payload)
+        try:
+            return self.decode(payload)
+        except (ValueError, RecursionError) as error:
+            return self._misfit(payload, error)
+
+    def decode(self, payload: bytes) -> Row:
         """Decode a row.
 
         Raises:
