@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         UsageError,
     )
     from .experiment import Experiment
+    from .formats.mcap.mcap_options import McapWriteOptions
     from .formats.mocap.take_options import (
         C3dReadOptions,
         C3dWriteOptions,
@@ -124,6 +125,7 @@ __all__ = [
     "Limits",
     "LocalFolder",
     "Loss",
+    "McapWriteOptions",
     "MissingObjectError",
     "MissingRecordingError",
     "MocapWriteOptions",
@@ -210,6 +212,7 @@ _HOMES = {
     "ViconReadOptions": "formats.mocap.take_options",
     "ViconWriteOptions": "formats.mocap.take_options",
     "WideReadOptions": "formats.mocap.take_options",
+    "McapWriteOptions": "formats.mcap.mcap_options",
     "Format": "formats.registry",
     "Rosbag1WriteOptions": "formats.ros.bag_options",
     "Rosbag2WriteOptions": "formats.ros.bag_options",

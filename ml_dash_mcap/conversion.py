@@ -29,11 +29,12 @@ def convert(
     *,
     store: Store | None = None,
     format: str | None = None,
+    encoding: str | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
     **options: Any,
 ) -> Path:
-    """Turn a foreign file or folder into a recording, or a recording into another format.
+    """Turn a foreign file or folder into a recording, or a recording into another format or encoding.
 
     The result appears when it is whole; until then nothing is at `dest`.
 
@@ -42,6 +43,12 @@ def convert(
         dest: Where to. A recording becomes a folder.
         store: Where `dest` lies, which is a name in it then; None for this machine.
         format: What to write a recording as, such as "rosbag2"; None to tell by the suffix of `dest`.
+        encoding: What the rows of the new recording are encoded in: "json", "cbor" or "protobuf". A recording, or any
+            MCAP file with rows in one of these, becomes a recording with the same rows, times, metadata, attachments
+            and saved files; its other messages (of ROS, protobuf of other people's types) stay as they are. The
+            messages of a bag all become rows; without `encoding` they stay as they are. None for what the rows have,
+            and for what the environment says (`ML_DASH_ENCODING`) where they come from a format without one. Of bags,
+            "ros" is a choice too, and of CSV files any other is that of their text, such as "latin-1".
         overwrite: Whether to replace a file, or a folder of the same kind, that is at `dest` already. It stays until
             the new one is whole.
         progress: Called now and then with the rows done and the rows in all.
@@ -61,10 +68,13 @@ def convert(
     Example:
         >>> convert("field-test.bag", "runs/field-test")
         >>> convert("runs/field-test", "field-test-ros2", format="rosbag2")
+        >>> convert("runs/alice/demo", "runs/alice/demo-typed", encoding="protobuf")
     """
     source = place(src, "src")
     target, put_into = located(dest, store)
-    if format is None and registry.detect(source) is not None and registry.suffix_format(target) is None:
+    options |= {} if encoding is None else {"encoding": encoding}
+    names_no_format = format is None and registry.suffix_format(target) is None
+    if names_no_format and registry.detect(source) is not None:
         check_overwrite(overwrite)
         reading = readers.options_of(source)
         given = {name: value for name, value in options.items() if name in reading or name not in _OF_MCAP_ALONE}
@@ -74,9 +84,10 @@ def convert(
         return target
     if not source.exists():
         raise MissingRecordingError(errno.ENOENT, "there is nothing", str(src))
-    chosen = format if format is not None else registry.format_of(target)
+    chosen = format or ("mcap" if names_no_format and encoding is not None else registry.format_of(target))
     if overwrite is True and put_into is None:
-        with replacing(keeper(chosen, [source])):  # the export below may know only a copy of the source
+        # The export below may know only a copy of the source.
+        with replacing(keeper(RECORDING if chosen == "mcap" else chosen, [source])):
             refuse_existing(target)
     reads = _options_of_reading(source, chosen, options)
     writes = {name: value for name, value in options.items() if name not in reads}

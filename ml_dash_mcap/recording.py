@@ -14,7 +14,7 @@ from .formats import registry
 from .formats.export_job import Job
 from .formats.export_place import Reads, destination, located
 from .formats.registry import Progress
-from .formats.replacing import check_overwrite
+from .formats.replacing import RECORDING, check_overwrite
 from .formats.writers import export
 from .inspect import gaps, overview
 from .inspect.check import check
@@ -238,7 +238,8 @@ class Recording(RecordedRun):
             store: Where `dest` lies, which is a name in it then; None for this machine. Files are written here first,
                 and put there when all are whole.
             format: "parquet", "csv", "jsonl", "dreamlake", "rosbag2", "rosbag1", "mocap", "vicon", "qtm", "trc", "sto"
-                or "c3d"; the guides say what each writes. None to tell by the suffix of `dest`, such as ".parquet".
+                "c3d" or "mcap"; the guides say what each writes. None to tell by the suffix of `dest`, such as
+                ".parquet".
             topics: Names; None for all that hold rows of a robot.
             start: First time stamp, in s; None for the beginning.
             end: Last time stamp, included, in s; None for the end.
@@ -261,11 +262,13 @@ class Recording(RecordedRun):
         wanted = format if format is not None else registry.format_of(path)
         check_overwrite(overwrite)
         reads = Reads(self.store, [*self._files.paths, *self.segments])
-        with destination(path, put_into, wanted, overwrite=overwrite, reads=reads) as target:
+        written = RECORDING if wanted == "mcap" else wanted
+        with destination(path, put_into, written, overwrite=overwrite, reads=reads) as target:
             low, high = check_range(start, end)
             about = {**self.run, "params": self.params}
             chosen = Lookup("topic", self._chosen(topics), self._info)
-            export(Job(target, self._opened(), chosen, low, high, about, progress), wanted, options)
+            job = Job(target, self._opened(), chosen, low, high, about, progress, has_all_topics=topics is None)
+            export(job, wanted, options)
         return path
 
     def close(self) -> None:

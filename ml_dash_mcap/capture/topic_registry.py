@@ -11,7 +11,7 @@ from typing import Any
 
 from ..codecs import codec_table
 from ..errors import TopicError
-from ..file_names import TOPIC_RECORD, TRACK
+from ..file_names import MESSAGE, TOPIC_RECORD, TRACK
 from ..rows.json_text import dumps
 from .channels import ChannelInfo
 from .journal import Journal
@@ -97,7 +97,7 @@ class TopicRegistry:
             topic = self._topics.get(key)
             is_new = topic is None
             if is_new:
-                default = self._encoding if kind == TRACK else "json"
+                default = self._encoding if kind in (TRACK, MESSAGE) else "json"
                 codec = codec_table.to_record(default if about.encoding is None else about.encoding)
                 schema = None if about.schema is None else dumps(dict(about.schema))
                 number = next(self._numbers)

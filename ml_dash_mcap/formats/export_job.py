@@ -33,6 +33,13 @@ class Job:
     about: Mapping[str, Any] = field(default_factory=dict)
     """The description of the run: `params`, and the entries of `Recording.run`."""
     progress: Progress | None = None
+    has_all_topics: bool = False
+    """Whether no topics were chosen."""
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all of the recording is wanted."""
+        return self.has_all_topics and self.low == -math.inf and self.high == math.inf
 
     def stored(self, topic: str) -> StoredTopic:
         """Return a topic as the files have it."""

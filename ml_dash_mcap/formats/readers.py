@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import errno
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..codecs import codec_table
 from ..errors import FormatError, MissingRecordingError
+from ..options import RecorderOptions
 from ..recorder import Recorder
 from . import registry
 from .registry import Format, Progress
@@ -49,17 +52,28 @@ def into(src: str | Path, folder: Path, prefix: str, /, *, progress: Progress | 
         folder: Of the recording; it is there.
         prefix: Of the recording.
         progress: Called now and then with the rows done and the rows in all.
-        options: Of the format.
+        options: Of the format; and `encoding`, that of the rows, where it is one that rows can be recorded in.
 
     Raises:
-        As `record`.
+        As `record`; also an OptionError: rows cannot be recorded in `encoding`.
     """
     entry = registry.find(registry.detect(src), "read")
     if entry is None or entry.carry is None:
-        with Recorder(folder, prefix=prefix) as recorder:
+        recording, options = _divided(options, [] if entry is None else registry.option_names(entry.read_options))
+        with Recorder(folder, recording, prefix=prefix) as recorder:
             record(src, recorder, progress=progress, **options)
     else:
         registry.load(entry.carry)(Path(src), folder, prefix, _made(entry, src, options), progress)
+
+
+def _divided(options: dict[str, Any], of_format: list[str]) -> tuple[RecorderOptions, dict[str, Any]]:
+    """Return the options of the recorder and those of the format, both of which may have an `encoding`."""
+    recording = RecorderOptions.from_environment()
+    encoding = options.get("encoding")
+    if encoding is None or ("encoding" in of_format and encoding not in codec_table.CODECS):
+        return recording, options
+    codec_table.to_record(encoding)
+    return replace(recording, encoding=encoding), {name: options[name] for name in options if name != "encoding"}
 
 
 def options_of(src: str | Path) -> list[str]:

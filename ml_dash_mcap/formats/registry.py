@@ -88,6 +88,9 @@ class Format:
 _PACKAGE = r"[^/]+/(package\.xml|CMakeLists\.txt|msg/[^/]+\.msg)"
 """The files of the package that defines the messages of a bag."""
 
+OF_RECORDINGS = r"[^/]+\.mcap(\.active)?|\.ml_dash-[^/]+\.(json|journal)|files/.+"
+"""The files in the folder of a recording."""
+
 _BAG_FILES = r"[^/]+\.(mcap|db3|db3-wal|db3-shm|mcap\.zstd|db3\.zstd)"
 
 _BUILT_IN = (
@@ -214,7 +217,13 @@ _BUILT_IN = (
         landmark="session.json",
     ),
     Format("json", render="tables.row_entries:render"),
-    Format("mcap", render="mcap_rows:render"),
+    Format(
+        "mcap",
+        write="mcap.write:export",
+        write_options="mcap.mcap_options:McapWriteOptions",
+        render="mcap_rows:render",
+        contents=OF_RECORDINGS,
+    ),
 )
 """In the order in which they are asked whether a file is theirs: `csv` after those with more in a file of that name."""
 

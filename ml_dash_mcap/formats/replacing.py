@@ -17,7 +17,7 @@ from . import registry
 RECORDING = "recording"
 """Stands for the folder of a recording, which `convert` makes, where otherwise a format is named."""
 
-_OF_RECORDINGS = registry.Format(RECORDING, contents=r"[^/]+\.mcap(\.active)?|\.ml_dash-[^/]+\.(json|journal)|files/.+")
+_OF_RECORDINGS = registry.Format(RECORDING, contents=registry.OF_RECORDINGS)
 
 _OF_DESKTOPS = (".DS_Store", "Thumbs.db", "desktop.ini")
 _LIBRARY = LIBRARY.split()[0].encode()

@@ -132,6 +132,11 @@ def build(rows: Rows, compress: Compressor) -> PackedChunk:
 
 def build_block(block: MessageBlock, compress: Compressor) -> PackedChunk:
     """Build a chunk of one or more messages of another file. The numbers of their channels become the channel ids."""
+    return build(rows_of_block(block), compress)
+
+
+def rows_of_block(block: MessageBlock) -> Rows:
+    """Return one or more messages as Message records. The numbers of their channels become the channel ids."""
     sizes = np.fromiter(map(len, block.payloads), np.int64, len(block))
     heads = message_heads(sizes, block.channels, block.times_ns)
     heads["sequence"] = block.sequences
@@ -139,7 +144,7 @@ def build_block(block: MessageBlock, compress: Compressor) -> PackedChunk:
     ends = np.cumsum(sizes + MESSAGE_HEAD_BYTES)
     times: Any = block.times_ns  # beyond the year 2262 they do not fit into signed numbers
     starts = ends - sizes - MESSAGE_HEAD_BYTES
-    return build(Rows(_joined(heads, block.payloads, sizes), starts, ends, block.channels, times), compress)
+    return Rows(_joined(heads, block.payloads, sizes), starts, ends, block.channels, times)
 
 
 def pack(

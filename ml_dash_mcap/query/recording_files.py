@@ -56,7 +56,7 @@ def in_writing_order(names: Iterable[str]) -> list[str]:
     by_stem: dict[str, str] = {}
     for name in sorted(filter(is_segment, names)):  # "x.mcap" comes before "x.mcap.active" and wins
         by_stem.setdefault(name.removesuffix(ACTIVE_SUFFIX), name)
-    return [by_stem[stem] for stem in sorted(by_stem, key=_natural)]
+    return [by_stem[stem] for stem in sorted(by_stem, key=natural_order)]
 
 
 def refuse_in_store(store: Store, prefix: str, names: Iterable[str]) -> NoReturn:
@@ -91,7 +91,7 @@ def _hint(path: Path) -> str:
     return f"; did you mean {str(places[0])!r}?" if places else ""
 
 
-def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
+def natural_order(name: str) -> tuple[list[tuple[int, str]], str]:
     """Return a key that sorts `bag_10` behind `bag_9`. Names whose numbers have the same length sort like text."""
     parts = _NUMBER.split(name)
     return [(int(part) if at % 2 else 0, "" if at % 2 else part) for at, part in enumerate(parts)], name

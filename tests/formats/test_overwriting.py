@@ -20,6 +20,7 @@ from ml_dash_mcap.formats import swap_names as exchange_module
 NAMES = {
     "parquet": "out", "csv": "out", "jsonl": "out", "dreamlake": "out", "rosbag2": "out", "rosbag1": "out.bag",
     "mocap": "take.csv", "vicon": "take.csv", "qtm": "take.tsv", "trc": "take.trc", "sto": "take.sto", "c3d": "take.c3d",
+    "mcap": "out",
 }  # fmt: skip
 """What an export of each format is called here."""
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from ...codecs import codec_table
 from ...errors import OptionError, UsageError
 from ...mcap.limits import Limits
 from . import ros_names
@@ -19,9 +20,9 @@ _MOST_OFFSET_S = 2**33
 class RosbagReadOptions:
     """How bags of both generations are read."""
 
-    encoding: Literal["ros", "json"] | None = None
-    """"ros" keeps all messages as they are, also of topics that this library exported; "json" makes rows of all, in
-    this library's own form; None keeps those of others, and makes rows of ours."""
+    encoding: Literal["ros", "json", "cbor", "protobuf"] | None = None
+    """"ros" keeps all messages as they are, also of topics that this library exported; "json", "cbor" and "protobuf"
+    make rows of all, in this library's own form; None keeps those of others, and makes rows of ours."""
     time: Literal["log", "header"] = "log"
     """What `_ts` is for rows that are made of messages of others: "log", when they were recorded, or "header", their
     header's stamp where they have one that is not 0; then all messages become rows."""
@@ -40,7 +41,7 @@ class RosbagReadOptions:
 
     def __post_init__(self) -> None:
         for name, value, choices in (
-            ("encoding", self.encoding, (None, "ros", "json")),
+            ("encoding", self.encoding, (None, "ros", *codec_table.recordable())),
             ("time", self.time, ("log", "header")),
             ("on_damage", self.on_damage, ("raise", "skip")),
         ):

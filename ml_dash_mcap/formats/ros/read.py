@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Collection
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from ...codecs.decoding import decoding
@@ -13,6 +14,7 @@ from ...errors import ConversionWarning, DamagedFileError, StorageError
 from ...file_names import SEGMENT_SUFFIX
 from ...mcap.limits import DEFAULT, Limits
 from ...mcap.message import Connection
+from ...options import RecorderOptions
 from ...recorder import Recorder
 from .. import file_signs
 from ..file_start import FileStart
@@ -88,8 +90,7 @@ def carry(src: Path, folder: Path, prefix: str, options: RosbagReadOptions, prog
         bag = _open(src, salvages, options.limits or DEFAULT)
         try:
             types = Types(how, distros.likely(bag.distro, bag.version))
-            uses_header = options.time == "header"
-            _Conversion(src, bag, folder, prefix, types, options.encoding, uses_header, salvages, progress).run(wanted)
+            _Conversion(src, bag, folder, prefix, types, options, progress).run(wanted)
         finally:
             bag.close()
     except OSError as error:
@@ -108,9 +109,7 @@ class _Conversion:
         folder: Path,
         prefix: str,
         types: Types,
-        encoding: str | None,
-        uses_header: bool,
-        salvages: bool,
+        options: RosbagReadOptions,
         progress: Progress | None,
     ) -> None:
         self._src = src
@@ -118,9 +117,8 @@ class _Conversion:
         self._folder = folder
         self._prefix = prefix
         self._types = types
-        self._encoding = encoding
-        self._uses_header = uses_header
-        self._salvages = salvages
+        self._options = options
+        self._makes_all_rows = options.encoding not in (None, "ros") or options.time == "header"
         self._progress = progress
         self._done = 0
 
@@ -128,16 +126,17 @@ class _Conversion:
         """Copy or translate the messages of some topics."""
         origins = Origins(self._bag)
         carried, rows = self._divided(origins, wanted)
-        makes_rows = bool(rows) or self._encoding == "json" or self._uses_header
+        makes_rows = bool(rows) or self._makes_all_rows
         keeps_all_files = bool(carried) or not makes_rows
         folder, prefix = self._folder, self._prefix
         carrier = Carrier(self._src, self._bag, folder, prefix, self._types, carried, keeps_all_files=keeps_all_files)
         with ExitStack() as stack:
             intake = None
             if makes_rows:
-                recorder = stack.enter_context(Recorder(folder, prefix=prefix))
+                recorder = stack.enter_context(Recorder(folder, self._recorder_options(), prefix=prefix))
                 ordered = [channel for channel in self._bag.channels if channel in rows]
-                intake = Intake(self._src, recorder, origins, self._types, ordered, self._uses_header, self._salvages)
+                uses_header, salvages = self._options.time == "header", self._options.on_damage == "skip"
+                intake = Intake(self._src, recorder, origins, self._types, ordered, uses_header, salvages)
             for file in self._bag.files():
                 for count in carrier.copy(file):
                     self._add(count)
@@ -153,14 +152,18 @@ class _Conversion:
         self, origins: Origins, wanted: Collection[str] | None
     ) -> tuple[Collection[Connection], Collection[Connection]]:
         """Return the channels whose messages stay as they are, and those whose messages become rows."""
-        keeps_all = self._encoding == "ros" and wanted is None
+        keeps_all = self._options.encoding == "ros" and wanted is None
         chosen = set(self._bag.channels) if keeps_all else origins.chosen(self._bag.channels, wanted)
         if self._types.decoding.on_unknown == "skip":
             chosen -= self._left_out(chosen)
-        if self._encoding == "json" or self._uses_header:
+        if self._makes_all_rows:
             return set(), chosen
-        rows = set() if self._encoding == "ros" else chosen & origins.own.keys()
+        rows = set() if self._options.encoding == "ros" else chosen & origins.own.keys()
         return chosen - rows, rows
+
+    def _recorder_options(self) -> RecorderOptions:
+        options, encoding = RecorderOptions.from_environment(), self._options.encoding
+        return options if encoding in (None, "ros") else replace(options, encoding=encoding)
 
     def _add(self, count: int) -> None:
         self._done += count
