@@ -31,3 +31,9 @@ def test_no_field_has_the_name_of_the_message_of_arrays() -> None:
 
 def test_a_list_of_bytes_has_no_field_because_viewers_refuse_a_topic_with_one() -> None:
     assert [field.name for field in schema_of(frames=[b"a", b"b"]).field] == ["_ts", "_exact"]
+
+
+def test_no_message_has_the_name_that_a_compiler_gives_to_the_presence_of_a_field() -> None:
+    message = schema_of(**{":": 1.5, "X": {"a": 1}})
+    assert [oneof.name for oneof in message.oneof_decl] == ["X_ts", "X_exact", "X_"]
+    assert [inner.name for inner in message.nested_type] == ["X2"]

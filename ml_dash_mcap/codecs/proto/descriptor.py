@@ -91,9 +91,10 @@ def _write_message(message: Any, layout: Layout, name: str, path: str, array_typ
             _write_message(message.nested_type.add(), member.inner, inner_name, field.type_name, array_type)
         elif member.slot.kind is Kind.ARRAY:
             field.type_name = array_type
+    used = {field.name for field in message.field}
     for index, single in enumerate(field for field in message.field if field.proto3_optional):
         single.oneof_index = index
-        message.oneof_decl.add(name=f"_{single.name}")
+        message.oneof_decl.add(name=names.of_oneof(single.name, used))
     if layout.is_row and _has_arrays(layout):
         _write_array_message(message.nested_type.add())
 
@@ -180,7 +181,7 @@ def decode(schema: bytes, message: str) -> Layout | None:
         files = descriptor_pb2.FileDescriptorSet.FromString(schema)
         for file in files.file:
             for proto in file.message_type:
-                if f"{file.package}.{proto.name}" == message and _option(proto.options).get("ml_dash") == _VERSION:
+                if f"{file.package}.{proto.name}" == message and entries_of(proto.options).get("ml_dash") == _VERSION:
                     return _read_row(proto, f".{message}")
     except (DecodeError, ValueError):  # not of our writing, though it may say so: the rules below are ours
         return None
@@ -197,7 +198,7 @@ _HEAD_OF_ROWS = [
 def _read_row(proto: Any, path: str) -> Layout:
     head = [(field.number, field.name, field.type, field.label) for field in proto.field[: len(_HEAD_OF_ROWS)]]
     _require(head == _HEAD_OF_ROWS, "the time stamp and the exact text come first")
-    opaque = _option(proto.field[1].options).get("opaque", [])
+    opaque = entries_of(proto.field[1].options).get("opaque", [])
     _require(isinstance(opaque, list) and all(isinstance(path, str) for path in opaque), "opaque values have paths")
     members = _Members(f"{path}.{names.ARRAY_NAME}").read(proto, proto.field[len(_HEAD_OF_ROWS) :], path)
     _require(all(member.number > EXACT_NUMBER for member in members), "the first numbers are taken")
@@ -246,7 +247,7 @@ def _read_slot(field: Any, array_type: str) -> tuple[str, Slot]:
     kind = next((kind for kind, type_ in _TYPES.items() if type_ == field.type), None)
     if kind is Kind.DICT and field.type_name == array_type:
         kind = Kind.ARRAY
-    entries = _option(field.options)
+    entries = entries_of(field.options)
     key, lengths = entries.get("key", field.name), entries.get("lengths", [])
     if kind is None or not isinstance(key, str) or not _are_lengths(lengths):
         raise ValueError("a field has a key and a type of rows")
@@ -266,7 +267,7 @@ def _are_lengths(lengths: object) -> bool:
     return isinstance(lengths, list) and all(type(length) is int and 0 < length < 2**31 for length in lengths)
 
 
-def _option(options: Any) -> dict[str, Any]:
+def entries_of(options: Any) -> dict[str, Any]:
     """Return the entries of our option; none where there is none.
 
     Raises:

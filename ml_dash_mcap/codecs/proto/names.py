@@ -97,6 +97,20 @@ def _unused(name: str, used: set[str]) -> str:
     return candidate
 
 
+def of_oneof(name: str, used: set[str]) -> str:
+    """Return the name of the oneof by which readers tell whether a field is there, as compilers of protobuf make it.
+
+    Args:
+        name: Of the field.
+        used: Names of the fields and oneofs of the message; the new one is added.
+    """
+    oneof = name if name.startswith("_") else f"_{name}"
+    while oneof in used:
+        oneof = f"X{oneof}"
+    used.add(oneof)
+    return oneof
+
+
 def of_inner(names: Iterable[str], keys: Iterable[str]) -> list[str]:
     """Return names for the messages inside a message, one for each key.
 
@@ -107,9 +121,11 @@ def of_inner(names: Iterable[str], keys: Iterable[str]) -> list[str]:
     used = {*names, ARRAY_NAME}
     inner: list[str] = []
     for key in keys:
-        candidate = message_name(key)
+        name = candidate = message_name(key)
+        count = 1
         while candidate in used:
-            candidate += "_"
+            count += 1
+            candidate = f"{name}{count}"  # without underscores, which the names of oneofs have
         used.add(candidate)
         inner.append(candidate)
     return inner
