@@ -70,6 +70,7 @@ def topic(info: TopicInfo, *, with_bytes: bool = False) -> dict[str, Any]:
         "rate": info.rate,
         "encoding": info.encoding,
         "schema_name": info.schema_name,
+        "exact_fields": info.exact_fields,
         "fields": {name: str(field) for name, field in info.fields.items()},
         "description": info.description,
         "tags": info.tags,

@@ -15,7 +15,7 @@ from ..query.stored_topic import StoredTopic
 from ..rows.dotted import flatten
 from ..rows.plain_row import TIME_KEY
 from ..rows.value_shapes import of_value
-from . import field_shapes, topic_schema
+from . import field_shapes, message_fields, topic_schema
 from .field_shapes import Field
 
 _DESCRIBING = ("description", "tags", "metadata")
@@ -35,11 +35,16 @@ class TopicInfo:
     end: float | None
     """Time stamp of the last row, in s; None without rows."""
     fields: Mapping[str, Field] = field(default_factory=dict)
-    """Dotted field name to its type and shape, as the schema has it, or else as the first row has it."""
+    """Dotted field name to its type and shape, as the schema has it, or else as the first row has it; the lengths of
+    lists in protobuf are those of the first row."""
     schema: Mapping[str, Any] = field(default_factory=dict)
     """The JSON Schema, merged over all segments; empty for other schema encodings."""
     encoding: str = "json"
-    """How its messages are encoded."""
+    """How its messages are encoded: "json", "protobuf", "cbor", "cdr", "ros1", ..."""
+    exact_fields: tuple[str, ...] = ()
+    """Of rows in protobuf, the dotted names of values that some rows have in the text `_exact`, because no field of the
+    message expresses them: None, empty and mixed lists, and the like. We read them where they were; other readers find
+    them in that text. Empty in other encodings, and where every value has a field."""
     schema_name: str = ""
     """The type of its messages, such as "sensor_msgs/msg/JointState"; the topic's name in our own recordings."""
     description: str | None = None
@@ -88,6 +93,7 @@ def info(topic: StoredTopic) -> TopicInfo:
     description, tags, metadata = describe(topic)
     channels = topic.channels
     schema = topic_schema.read(channels)
+    described_fields, exact_fields = message_fields.read(channels)
     start, first_row = counts.first(topic)
     described = channels[-1][0].index.schema_of(channels[-1][1]) if channels else None
     return TopicInfo(
@@ -96,9 +102,10 @@ def info(topic: StoredTopic) -> TopicInfo:
         count=counts.count(topic),
         start=start,
         end=None if start is None else counts.last_time(topic),
-        fields=_fields(topic, schema, first_row),
+        fields=_fields(topic, topic_schema.fields(schema), described_fields, first_row),
         schema=schema,
         encoding=channels[-1][1].message_encoding if channels else "json",
+        exact_fields=exact_fields,
         schema_name=described.name if described is not None else "",
         description=description,
         tags=tags,
@@ -108,16 +115,30 @@ def info(topic: StoredTopic) -> TopicInfo:
     )
 
 
-def _fields(topic: StoredTopic, schema: Mapping[str, Any], first_row: Mapping[str, Any] | None) -> dict[str, Field]:
-    """Return the fields of the schema, and the fields of the first row that the schema leaves out."""
-    fields = topic_schema.fields(schema)
+def _fields(
+    topic: StoredTopic, fields: dict[str, Field], open_fields: dict[str, Field], first_row: Mapping[str, Any] | None
+) -> dict[str, Field]:
+    """Return the fields of a topic.
+
+    Args:
+        topic: The topic.
+        fields: As a JSON Schema has them.
+        open_fields: As a descriptor has them, which leaves the first length of lists open.
+        first_row: Completes what these leave open, and has those that they leave out.
+    """
+    fields = {**fields, **open_fields}
     if first_row is None:
         return fields
     is_inferred = bool(fields) and topic.kind is not None
     for name, value in flatten(first_row, TIME_KEY).items():
-        if name != TIME_KEY and value is not None:
-            differs = is_inferred and not _is_nested(value)  # from row to row, if the schema leaves it out
-            fields.setdefault(name, Field("any") if differs else field_shapes.of_shape(of_value(value)))
+        if name == TIME_KEY or value is None:
+            continue
+        of_row = field_shapes.of_shape(of_value(value))
+        differs = is_inferred and not _is_nested(value)  # from row to row, if the schema leaves it out
+        if name in open_fields:
+            fields[name] = field_shapes.completed(open_fields[name], of_row)
+        else:
+            fields.setdefault(name, Field("any") if differs else of_row)
     return fields
 
 
