@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from . import renamed_arguments
 from .errors import NotFoundError
+from .inspect import topic_proto
 from .inspect.topics import TopicInfo
 from .query import row_positions
 from .query.file import File
@@ -83,6 +84,36 @@ class TopicReader:
     def info(self) -> TopicInfo:
         """Count, times, fields and what else is known without reading the rows."""
         return self._source.info(self.name)
+
+    def proto(self) -> str:
+        """Return the .proto text of the message type, for a compiler of protobuf.
+
+        Of rows that this library recorded, it is complete; comments say the shapes of lists, units, and the keys that
+        are no identifiers. Of other messages it may import further files, see `proto_files`.
+
+        Raises:
+            EncodingError: The messages are not protobuf, or segments contradict each other; also a ValueError.
+
+        Example:
+            >>> Path("robot.proto").write_text(rec["robot"].proto())
+        """
+        return next(iter(self.proto_files().values()))
+
+    def proto_files(self) -> dict[str, str]:
+        """Return the text of each .proto file by its name, that of the message type first.
+
+        Those that each compiler brings (`google/protobuf/...`) are left out.
+
+        Raises:
+            EncodingError: The messages are not protobuf, or segments contradict each other; also a ValueError.
+
+        Example:
+            >>> for name, text in rec["camera"].proto_files().items():
+            ...     path = Path("protos", name)
+            ...     path.parent.mkdir(parents=True, exist_ok=True)
+            ...     path.write_text(text)
+        """
+        return topic_proto.files(StoredTopic(self._source.files, self.name), self.info)
 
     def select(
         self,

@@ -48,7 +48,7 @@ HEAVY = {
     "cbor2": {"codecs.cbor"},
     "rosbags": {"codecs.ros.standard_types", "formats.ros.translate"},
     "ruamel": {"formats.ros.bag_metadata.yaml_text"},
-    "google": {"codecs.protobuf_messages", "codecs.proto.descriptor"},
+    "google": {"codecs.protobuf_messages", "codecs.proto"},
     "mcap_protobuf": {"codecs.protobuf_messages"},
     "ezc3d": {"formats.mocap.c3d.write"},
     "obstore": {"store.objects"},
