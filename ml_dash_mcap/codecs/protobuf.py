@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ..errors import FieldError
-from ..rows import foreign_values
+from ..rows import foreign_values, json_text
 from ..rows.plain_row import TIME_KEY, PlainRow
 from ..rows.shape import Shape
 from . import protobuf_messages
@@ -117,12 +117,11 @@ class ProtobufCodec(Codec):
     def encode_exactly(self, fields: Mapping[str, Any], topic: str) -> bytes:
         """Encode a row, or say which of its values cannot be stored."""
         row = PlainRow(topic).row(fields)
-        for name, value in row.items():
-            try:
-                RowEncoder().encode(ROW, {name: value, TIME_KEY: 0.0})
-            except FieldError as error:
-                raise FieldError(f"append() on topic {topic!r}: field {name!r} cannot be stored: {error}") from error
-        return self._encoded(row)
+        try:
+            return self._encoded(row)
+        except FieldError:
+            json_text.exact(row, topic)  # its error names the field
+            raise
 
     def recheck(self, payload: bytes, fields: Mapping[str, Any], topic: str, probe: int | bytes) -> tuple[bytes, Any]:
         """Return the payload as it is."""
