@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...rows import packed_arrays
-from ...rows.plain_row import TIME_KEY
+from ...rows.plain_row import TIME_KEY, encodable
 from . import exact_values, wire
 from .growth import member_for
 from .layout import EXACT_NUMBER, TIME_NUMBER, Kind, Layout, Member, Slot
@@ -22,6 +22,9 @@ EXACT_TAG = wire.tag(EXACT_NUMBER, wire.DELIMITED)
 
 _MOST_SINGLE_INTEGERS = 8
 """Of a list of doubles with more integers in it, the whole list stands in the exact text."""
+
+_LONGEST_PATH = 200
+"""Longer paths of values without a field are cut: the descriptor names them."""
 
 _TYPE_NUMBER, _DATA_NUMBER = 1, 2
 """The fields of the message of a large array."""
@@ -89,7 +92,7 @@ class RowEncoder:
 
     def _leave(self, key: str, value: Any, place: str, path: str) -> bytes:
         self.exact[place] = value
-        self.opaque.append(f"{path}{key}")
+        self.opaque.append(encodable(f"{path}{key}"[:_LONGEST_PATH]))
         return b""
 
     def _single(self, member: Member, value: Any, place: str, path: str) -> bytes:
