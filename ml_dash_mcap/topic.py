@@ -192,8 +192,11 @@ class Topic:
         self._misses += 1
         if self._misses == _MOST_MISSES:
             self.__class__ = self._plain_class()
-        fields = {name: value for name, value in arguments.items() if value is not MISSING}
-        return Topic.append(self, *positional, **fields, **others)
+        return Topic.append(self, *positional, **_present(arguments), **others)
+
+    def _append_slowly(self: T, arguments: dict[str, Any]) -> T:
+        """Append a row that the compiled `append` found no room for."""
+        return Topic.append(self, **_present(arguments))
 
     def append_batch(self: T, rows: Iterable[Mapping[str, Any]]) -> T:
         """Take several rows, each a dict of fields with its `_ts`. If one of them is bad, none is taken.
@@ -371,6 +374,10 @@ class EventTopic(Topic):
         if self._journal.eager is not None:
             self._journal.eager()
         return taken
+
+
+def _present(arguments: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in arguments.items() if value is not MISSING}
 
 
 def _call(install: Callable[[AppendCode | None], None] | None, code: AppendCode | None) -> None:
