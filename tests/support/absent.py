@@ -13,12 +13,13 @@ from typing import Any
 
 import pytest
 
-from . import node_program, shared, system_python
+from . import node_program, rerun_reader, shared, system_python
 
 JUDGES: Sequence[tuple[ModuleType, Callable[[], bool], str]] = (
     (shared, shared.is_here, "recordings of other tools in ../shared/data"),
     (system_python, system_python.is_here, "ROS's own code, Debian's python3-rosbag and python3-rosidl"),
     (node_program, node_program.is_here, "Node.js, in which viewers' readers run"),
+    (rerun_reader, rerun_reader.is_here, "Rerun, which has wheels from Python 3.11 on"),
 )
 """Modules that hold judges, whether the judge is here, and what it is."""
 

@@ -29,7 +29,7 @@ def install(program: Path, place: Path) -> Path:
     for path in program.parent.iterdir():
         if path.is_file():
             shutil.copy(path, place)
-    command = ["npm", "ci", "--no-audit", "--no-fund", "--prefer-offline"]
+    command = ["npm", "ci", "--no-audit", "--no-fund", "--prefer-offline", "--ignore-scripts"]
     installed = subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=INSTALL_S)
     assert installed.returncode == 0, installed.stderr
     return place / program.name
