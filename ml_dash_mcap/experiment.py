@@ -54,6 +54,7 @@ class Experiment(RunMethods):
         metadata: Mapping[str, Any] | None = None,
         timestamps: Timestamps = "strict",
         buffer_config: Any = None,
+        encoding: str | None = None,
         options: RecorderOptions | None = None,
         **unknown: NoReturn,
     ) -> None:
@@ -67,6 +68,7 @@ class Experiment(RunMethods):
                 wall clock, and -1 is the last one used on any track.
             buffer_config: ml-dash's, a mapping or an object with any of `flush_interval` (s), `track_batch_size`
                 (rows) and `buffer_enabled`.
+            encoding: The encoding of the rows of its tracks, such as "json" or "cbor".
             options: Everything that can be said about buffering, compression and files, instead.
 
         Raises:
@@ -79,7 +81,7 @@ class Experiment(RunMethods):
         self.prefix = prefix
         self.path: Path = safe_paths.run_folder(_one_root(root, dash_root, local_path), prefix)
         self._timestamps: Timestamps = timestamps
-        self._options = choose_options(options, buffer_config)
+        self._options = choose_options(options, buffer_config, encoding)
         self._said = describe(readme=readme, description=description, tags=tags, bindrs=bindrs, metadata=metadata)
         self.run: Run[Experiment, Track] = Run(self, self._begin)
 

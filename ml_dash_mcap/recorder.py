@@ -23,9 +23,12 @@ from .capture.segment_sink import SegmentSink
 from .capture.sink import SessionInfo, Sink
 from .capture.sink_threads import SinkThreads
 from .capture.stats import Stats
+from .capture.topic_context import TopicContext
+from .capture.topic_names import check_topic
 from .capture.topic_registry import TopicAbout, TopicRegistry
 from .capture.writer import Writer
 from .codecs import codec_table
+from .codecs.given.schema_source import SchemaSource, given_schema
 from .errors import PrefixError, StorageError, TopicError, UsageError
 from .file_names import PARAMETERS_RECORD, TRACK
 from .inspect.earlier_run import own_clock_until
@@ -34,7 +37,7 @@ from .meaning.annotations import NO_ANNOTATIONS, collect
 from .options import RecorderOptions, arguments_of, check_options, misplaced
 from .recovery import recover_folder
 from .timestamps import stamper
-from .topic import Topic, TopicContext, check_topic
+from .topic import Topic, give_schema
 from .version import LIBRARY
 
 _log = logging.getLogger("ml_dash_mcap")
@@ -95,7 +98,7 @@ class Recorder:
         self._journal = Journal(JournalFiles(self.path, self.session, self.options, about), self.options)
         stamping.journal = self._journal
         self._registry = TopicRegistry(self._journal, self.options.encoding)
-        self._context = TopicContext(self, self._journal, stamping)
+        self._context = TopicContext(self, self._journal, stamping, self._registry.give_schema)
         try:
             self._start(SessionInfo(self.path, about), sinks)
         except BaseException:
@@ -146,6 +149,7 @@ class Recorder:
         frame_id: str | None = None,
         quat_order: str | None = None,
         encoding: str | None = None,
+        schema: SchemaSource = None,
     ) -> Topic:
         """Return a topic, the same object for the same name.
 
@@ -160,20 +164,37 @@ class Recorder:
             frame_id: The frame to which positions, orientations and vectors are relative.
             quat_order: "xyzw" or "wxyz", of all quaternions of the topic.
             encoding: The encoding of its rows, "json", "protobuf" or "cbor"; the recorder's option by default.
+            schema: The schema of its rows, where it is not to be inferred from them: a class of protobuf messages, a
+                JSON Schema as a dict, or the name of one of Foxglove's schemas, such as "foxglove.PoseInFrame". Each
+                row is checked as it is appended, and is a message of its own: rows of one time stamp do not merge.
 
         Raises:
-            TopicError: The name is empty, too long, or not text, or the topic is open in another encoding.
+            TopicError: The name is empty, too long, or not text, or the topic is open in another encoding, with another
+                schema, or has rows without one.
             FieldError: A description has a wrong type.
-            OptionError: Rows cannot be recorded in that encoding.
+            OptionError: Rows cannot be recorded in that encoding, the schema is not known or of another encoding, or a
+                package that it needs is missing.
+            EncodingError: The schema is broken.
             StateError: The recorder is closed.
+
+        Example:
+            >>> pose = recorder.topic("tool", schema="foxglove.PoseInFrame")
+            >>> pose.append(frame_id="base", timestamp=1.5, pose={"position": {"x": 0.4}}, _ts=1.5)
         """
         topic: Topic | None = self._registry.get(TRACK, name) if isinstance(name, str) else None
         told = (description, tags, metadata, units, joint_names, frame_id, quat_order)
-        if topic is not None and told == NO_ANNOTATIONS and encoding in (None, topic.encoding):
+        if topic is not None and told == NO_ANNOTATIONS and schema is None and encoding in (None, topic.encoding):
             return topic
         check_topic(name)
         more = collect(units, joint_names, frame_id, quat_order)
-        about = TopicAbout(description=description, tags=tags, metadata=metadata, more=more, encoding=encoding)
+        about = TopicAbout(
+            description=description,
+            tags=tags,
+            metadata=metadata,
+            more=more,
+            encoding=encoding,
+            schema=given_schema(schema, encoding),
+        )
         return open_topic(self, name, TRACK, Topic, about)
 
     def topics(self) -> list[str]:
@@ -282,13 +303,15 @@ def open_topic(recorder: Recorder, name: str, kind: str, cls: type[T], about: To
         about: The description of the topic.
 
     Raises:
-        TopicError: The topic is open with another class, or in another encoding.
+        TopicError: The topic is open with another class, with another schema, or in another encoding.
         OptionError: Rows cannot be recorded in its encoding.
         StateError: The recorder is closed.
     """
     topic = recorder._registry.open(name, kind, lambda info: cls(recorder._context, info), about)
     if not isinstance(topic, cls):
         raise TopicError(f"topic {name!r} is open as a {type(topic).__name__} already")
+    if about.schema is not None:
+        give_schema(topic, about.schema)
     if about.encoding not in (None, topic.encoding):
         raise TopicError(f"topic {name!r} is open in the encoding {topic.encoding!r} already, not {about.encoding!r}")
     return topic

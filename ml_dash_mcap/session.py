@@ -8,6 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn
 
+from .codecs.given.schema_source import SchemaSource
 from .errors import OptionError, StateError
 from .file_names import SESSION_ROOT as DEFAULT_ROOT
 from .options import RecorderOptions, arguments_of, misplaced
@@ -50,6 +51,7 @@ class Session(RunMethods):
         local_path: str | os.PathLike[str] | None = None,
         remote: None = None,
         buffer_config: Any = None,
+        encoding: str | None = None,
         options: RecorderOptions | None = None,
         **unknown: NoReturn,
     ) -> None:
@@ -62,6 +64,7 @@ class Session(RunMethods):
             local_path: The folder of all sessions; `.dreamlake` by default.
             remote: Must be None: sessions are recorded to local files.
             buffer_config: See `Experiment`, as for `options`.
+            encoding: The encoding of the points of its tracks, such as "json" or "cbor".
 
         Raises:
             PrefixError: The name or the workspace is empty, absolute, or leaves the folder.
@@ -81,7 +84,7 @@ class Session(RunMethods):
         root = Path(DEFAULT_ROOT if local_path is None else local_path).expanduser().absolute()
         self._prefix = "/".join(parts)
         self.path: Path = safe_paths.run_folder(root, self._prefix)
-        self._options = choose_options(options, buffer_config)
+        self._options = choose_options(options, buffer_config, encoding)
         self._said = describe(description=description, tags=tags, metadata=metadata)
         self._run: Run[Session, SessionTrack] = Run(self, self._begin)
 
@@ -120,6 +123,8 @@ class Session(RunMethods):
         joint_names: Sequence[str] | None = None,
         frame_id: str | None = None,
         quat_order: str | None = None,
+        encoding: str | None = None,
+        schema: SchemaSource = None,
     ) -> SessionTrack:
         """Return the track of that name, the same object each time.
 
@@ -131,9 +136,14 @@ class Session(RunMethods):
             joint_names: Of the elements of joint angles, velocities and torques.
             frame_id: What positions, orientations and vectors are relative to.
             quat_order: "xyzw" or "wxyz", of all quaternions of the topic.
+            encoding: The encoding of its points; that of the session by default.
+            schema: The schema of its points, as `Recorder.topic` takes it.
 
         Raises:
-            TopicError: The name is empty, too long, or one of the library's own.
+            TopicError: The name is empty, too long, or one of the library's own, or the track is open in another
+                encoding, with another schema, or has points without one.
+            OptionError: Points cannot be recorded in that encoding, or the schema is not known.
+            EncodingError: The schema is broken.
             StateError: The session is closed.
         """
         live = self._run.live
@@ -148,6 +158,8 @@ class Session(RunMethods):
             joint_names=joint_names,
             frame_id=frame_id,
             quat_order=quat_order,
+            encoding=encoding,
+            schema=schema,
         )
 
     @property

@@ -30,6 +30,12 @@ def load(name: str) -> dict[str, Any]:
     return schema
 
 
+@cache
+def text(name: str) -> bytes:
+    """Return the JSON Schema of one kind as a Schema record has it; see `load`."""
+    return json.dumps(load(name), ensure_ascii=False, separators=(",", ":")).encode()
+
+
 def names() -> list[str]:
     """Return the names of all schemas, sorted."""
     return sorted(path.stem for path in _FOLDER.glob("*.json"))

@@ -5,25 +5,23 @@ from __future__ import annotations
 import struct
 import weakref
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from . import clock
+from .capture.channel_choice import ChannelChoice, until_first_row
 from .capture.channels import ChannelInfo
 from .capture.event_times import WALL_STAMPED
-from .capture.journal import Journal
+from .capture.topic_context import TopicContext
 from .codecs import json
-from .errors import FieldError, TopicError, UsageError
-from .file_names import OWN_TOPICS
+from .codecs.given.given_schema import GivenCodec, GivenSchema
+from .codecs.given.schema_source import schema_of_message
+from .errors import FieldError, UsageError
 from .mcap.message_records import MESSAGE_OPCODE
 from .rows.plain_row import EXACT_KEY, TIME_KEY
-from .timestamps import MISSING, Stamper
+from .timestamps import MISSING
 
 if TYPE_CHECKING:
     from .codecs.proto.compiled_rows import AppendCode
-
-_MAX_TOPIC_BYTES = 1024
 
 # Bound here, because a global costs the hot path less than an attribute of a module.
 _END_S = clock.END_S
@@ -37,33 +35,6 @@ _MOST_MISSES = 1000
 T = TypeVar("T", bound="Topic")
 
 
-class TopicOwner(Protocol):
-    """The part of a recorder that its topics use. A topic keeps its recorder alive."""
-
-    path: Path
-
-    @property
-    def closed(self) -> bool:
-        """Whether the recorder takes no more rows."""
-
-    def time(self) -> float:
-        """Return the recording's time now, in seconds."""
-
-    def flush(self) -> None:
-        """Wait until every row taken so far is in the file."""
-
-
-@dataclass(frozen=True, slots=True)
-class TopicContext:
-    """The recorder, journal and time rule that all topics of a recorder share."""
-
-    recorder: TopicOwner
-    journal: Journal
-    """Where the rows go."""
-    stamper: Stamper
-    """The rule for missing and inherited time stamps."""
-
-
 class Topic:
     """One topic of a recorder: a stream of rows, each a set of named fields at a time.
 
@@ -71,22 +42,30 @@ class Topic:
     """
 
     __slots__ = (
-        *("__weakref__", "_codec", "_context", "_default", "_dumps", "_head", "_journal", "_misses", "_probe", "name"),
+        *("__weakref__", "_choice", "_codec", "_context", "_default", "_dumps", "_head", "_journal", "_misses"),
+        *("_probe", "name"),
     )
 
     def __init__(self, context: TopicContext, channel: ChannelInfo) -> None:
         self.name = channel.topic
         self._context = context
         self._journal = context.journal
-        self._head = struct.pack("<HI", channel.number, 0)
-        self._codec = channel.codec or json.CODEC
-        self._dumps, self._default = self._codec.dumps, self._codec.default
-        self._probe = self._codec.probe
+        self._choice = ChannelChoice(channel, context.journal, context.give_schema)
+        self._use(channel)
+        if self._choice.is_open:
+            self._dumps = until_first_row(self._encode_first)
         self._misses = 0
         """How often arguments came that the compiled `append` is not for."""
         if type(self).append is Topic.append:
             specialise = weakref.WeakMethod(self._specialise)
             self._codec.on_compiled(lambda code: _call(specialise(), code))
+
+    def _use(self, channel: ChannelInfo) -> None:
+        """Record into a channel."""
+        self._head = struct.pack("<HI", channel.number, 0)
+        self._codec = channel.codec or json.CODEC
+        self._dumps, self._default = self._codec.dumps, self._codec.default
+        self._probe = self._codec.probe
 
     @property
     def encoding(self) -> str:
@@ -237,6 +216,9 @@ class Topic:
         """
         from .capture import column_input as bulk
 
+        channel = self._choice.settle()
+        if channel.codec is not self._codec:  # another thread gives the topic its schema just now
+            self._use(channel)
         if positional or EXACT_KEY in columns:
             self._accept(positional, MISSING, columns.get(EXACT_KEY, MISSING), {})
         if "timestamp" in columns:
@@ -246,6 +228,43 @@ class Topic:
         if self._journal.eager is not None:
             self._journal.eager()
         return self
+
+    def append_message(self: T, message: Any, /, *, _ts: Any = MISSING) -> T:
+        """Take one protobuf message; what is stored is `message.SerializeToString()`.
+
+        A topic without rows and without a schema takes the schema of its first message. Messages of one time stamp stay
+        apart, and have it to the nanosecond.
+
+        Args:
+            message: Of the topic's schema.
+            _ts: Its time stamp, in seconds, as `append` takes it. No field of the message is read for it.
+
+        Returns:
+            The topic itself.
+
+        Raises:
+            UsageError: It is no protobuf message, or one of another type than the topic's schema.
+            FieldError: It lacks a required field, or is larger than the whole backlog.
+            TopicError: The topic has rows without a schema.
+            EncodingError: The message's descriptors cannot be stored.
+            As `append` otherwise.
+
+        Example:
+            >>> recorder.topic("tool").append_message(PoseInFrame(frame_id="base"), _ts=1.5)
+        """
+        time_s = self._time(_ts)
+        if self._choice.channel.schema is None:
+            give_schema(self, schema_of_message(message, self.name))
+        codec = self._codec
+        if not isinstance(codec, GivenCodec):
+            raise UsageError(f"append_message() on topic {self.name!r}: its rows are the library's own")
+        self._put(self._record(codec.encode_message(message, self.name), time_s), time_s)
+        return self
+
+    def _encode_first(self, fields: dict[str, Any], default: Any) -> bytes:
+        """Encode the first row."""
+        self._use(self._choice.settle())
+        return self._codec.dumps(fields, default)
 
     def flush(self: T) -> T:
         """Wait until every row taken so far is in the file, and return the topic itself.
@@ -276,6 +295,10 @@ class Topic:
         else:
             if self._probe in payload:
                 payload, self._probe = self._codec.recheck(payload, fields, self.name, self._probe)
+        return self._record(payload, time_s, head, time_ns)
+
+    def _record(self, payload: bytes, time_s: float, head: bytes | None = None, time_ns: int | None = None) -> bytes:
+        """Return a Message record without its opcode."""
         time_ns = clock.to_nanoseconds(time_s) if time_ns is None else time_ns
         return _pack_tail(len(payload) + 22, self._head if head is None else head, time_ns, time_ns) + payload
 
@@ -308,29 +331,13 @@ class Topic:
             )
         if exact_key is not MISSING:
             raise FieldError(f"append() on topic {self.name!r}: the field name {EXACT_KEY!r} is reserved; rename it")
+        if isinstance(self._codec, GivenCodec):  # the schema says what the field is
+            return {"timestamp": timestamp, **fields}
         return self._with_timestamp_field(timestamp, fields)
 
     def _with_timestamp_field(self, timestamp: Any, fields: dict[str, Any]) -> dict[str, Any]:
         """Take a field that is called `timestamp`; users of an Experiment may not have one."""
         return {"timestamp": timestamp, **fields}
-
-
-class MessageTopic(Topic):
-    """A topic of messages from other software: each stays a row of its own, at its time to the nanosecond."""
-
-    __slots__ = ()
-
-    def append_at(self, rows: Iterable[dict[str, Any]], times_ns: Iterable[int]) -> None:
-        """Take rows whose times are known in nanoseconds.
-
-        Args:
-            rows: Their fields. A `_ts` in them stays as it is; rows without it get one from their time.
-            times_ns: The time of each, ns.
-        """
-        for row, time_ns in zip(rows, times_ns, strict=True):
-            time_s = row.pop(TIME_KEY, None)
-            time_s = time_s if isinstance(time_s, float) else clock.to_seconds(time_ns)
-            self._put(self._encode(row, time_s, time_ns=time_ns), time_s)
 
 
 class EventTopic(Topic):
@@ -385,24 +392,11 @@ def _call(install: Callable[[AppendCode | None], None] | None, code: AppendCode 
         install(code)
 
 
-def check_topic(name: object) -> None:
-    """Check the name of a user's topic.
+def give_schema(topic: Topic, schema: GivenSchema) -> None:
+    """Set the schema of all rows of a topic; the same one may be set again. Users pass it to `Recorder.topic`.
 
     Raises:
-        UsageError: It is no text.
-        TopicError: It is empty, too long, has a NUL, cannot be encoded, or is reserved.
+        TopicError: The topic has another schema, or rows without one.
+        StateError: The recorder is closed.
     """
-    if not isinstance(name, str):
-        raise UsageError(f"a topic's name is text, not {type(name).__name__}: {name!r}")
-    try:
-        size = len(name.encode())
-    except UnicodeEncodeError as error:
-        raise TopicError(f"topic {name!r} is not valid Unicode: {error}") from error
-    if not name or name.isspace():
-        raise TopicError(f"a topic needs a name; got {name!r}")
-    if size > _MAX_TOPIC_BYTES:
-        raise TopicError(f"topic {name[:40]!r}...: its name has {size} bytes; at most {_MAX_TOPIC_BYTES} are allowed")
-    if "\0" in name:
-        raise TopicError(f"topic {name!r} has a NUL in its name")
-    if name.startswith(OWN_TOPICS):
-        raise TopicError(f"topic {name!r}: names that begin with {OWN_TOPICS!r} are the library's own")
+    topic._use(topic._choice.give(schema))

@@ -102,6 +102,8 @@ with Session("demo", "robotics") as session:
     point = session.track("robot")
     assert_type(point, SessionTrack)
     assert_type(point.append(q=[0.1]), SessionTrack)
+    assert_type(point.append_message(object()), SessionTrack)
+    assert_type(session.track("tool", schema="foxglove.Log", encoding="protobuf"), SessionTrack)
     assert_type(point.read(), Page)
     assert_type(point.read(0, 10)["total"], int)
     assert_type(point.read(0, 10, format="parquet"), bytes)
@@ -110,6 +112,8 @@ with Session("demo", "robotics") as session:
 
 with Recorder("run") as recorder:
     assert_type(recorder.topic("imu").append(accel=[0.0], _ts=0.0), Topic)
+    assert_type(recorder.topic("tool", schema="foxglove.PoseInFrame").append(frame_id="a", _ts=0.0), Topic)
+    assert_type(recorder.topic("step", schema={"type": "object"}, encoding="json").append_message(object(), _ts=0), Topic)
     assert_type(recorder.stats(), Stats)
     assert_type(recorder.stats().accepted, int)
 assert_type(recover("run"), Recovered)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from ..codecs import decode, json
 from ..codecs.codec import Codec
 from ..codecs.encoded_channel import Decoder
-from ..file_names import KIND_KEY
+from ..file_names import KIND_KEY, MESSAGE, TRACK
 from ..mcap.records import CHANNEL, SCHEMA, Channel, Schema
 from ..rows.shape import Shape
 
@@ -21,7 +21,7 @@ class ChannelInfo:
     """Channel id and schema id, from 1."""
     topic: str
     kind: str
-    """track, log, metric or file; only the rows of tracks merge."""
+    """track, message, log, metric, file or episode; only the rows of tracks merge."""
     metadata: Mapping[str, str] = field(default_factory=dict)
     """The channel's metadata besides its kind."""
     schema: bytes | None = None
@@ -40,6 +40,11 @@ class ChannelInfo:
             object.__setattr__(self, "schema_encoding", self.codec.schema_encoding)
             if self.schema_name is None:
                 object.__setattr__(self, "schema_name", self.codec.schema_name(self.topic))
+
+    @property
+    def has_times_of_tracks(self) -> bool:
+        """Whether its times are on the clock of the tracks, because a control loop gives them."""
+        return self.kind == TRACK or (self.kind == MESSAGE and not self.is_inferred)
 
     @property
     def is_inferred(self) -> bool:

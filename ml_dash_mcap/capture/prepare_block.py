@@ -101,12 +101,12 @@ class BlockPreparer:
         return prepared
 
     def _tracks(self) -> npt.NDArray[np.bool_]:
-        """Return, by channel id, whether it is a track, whose rows of the same time merge."""
+        """Return, by channel id, whether it is a track or has times as tracks have them."""
         # A copy, because other threads may open topics while this iterates.
         channels = list(self._channels.items())
         tracks = np.zeros(max(number for number, _ in channels) + 1, np.bool_)
         for number, info in channels:
-            tracks[number] = info.kind == TRACK
+            tracks[number] = info.has_times_of_tracks
         return tracks
 
     def _merge(self, rows: Rows, forms: Forms) -> Rows:

@@ -8,9 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .. import clock
 from ..codecs.encoded_channel import Decoder
 from ..mcap.records import Metadata
 from ..mcap.row_arrays import Rows
+from ..rows.plain_row import TIME_KEY
 from ..rows.shape import Shape
 from .channels import ChannelInfo
 from .event_clock import UNKNOWN_CLOCK
@@ -32,7 +34,10 @@ class BlockMessage(NamedTuple):
 
     def row(self) -> dict[str, Any]:
         """Decode the row; its time stamp is the field `_ts`, in seconds."""
-        return self.decode(self.payload) or {}
+        row = self.decode(self.payload) or {}
+        if TIME_KEY not in row:  # messages of a schema that the user gave have the log time alone
+            row[TIME_KEY] = clock.to_seconds(self.time_ns)
+        return row
 
 
 @dataclass(frozen=True, slots=True)

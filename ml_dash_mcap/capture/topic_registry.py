@@ -10,9 +10,9 @@ from functools import partial
 from typing import Any
 
 from ..codecs import codec_table
+from ..codecs.given.given_schema import GivenSchema
 from ..errors import TopicError
 from ..file_names import MESSAGE, TOPIC_RECORD, TRACK
-from ..rows.json_text import dumps
 from .channels import ChannelInfo
 from .journal import Journal
 from .metadata_texts import topic_texts, write_metadata
@@ -31,10 +31,9 @@ class TopicAbout:
     """Replaces the metadata that was given before."""
     more: Mapping[str, Any] | None = None
     """Is added to the metadata."""
-    schema: Mapping[str, Any] | None = None
-    """The JSON Schema of the rows; None to infer it."""
-    schema_name: str | None = None
-    """The name of the schema; None for the topic's name."""
+    schema: GivenSchema | None = None
+    """The schema of the rows, with their codec; None to infer it. The rows of a track whose schema is given are
+    messages, which never merge: what two rows make together need not fit the schema."""
     encoding: str | None = None
     """The encoding of the rows. None stands for the recorder's option for tracks, and for JSON for the other kinds."""
 
@@ -97,21 +96,50 @@ class TopicRegistry:
             topic = self._topics.get(key)
             is_new = topic is None
             if is_new:
-                default = self._encoding if kind in (TRACK, MESSAGE) else "json"
-                codec = codec_table.to_record(default if about.encoding is None else about.encoding)
-                schema = None if about.schema is None else dumps(dict(about.schema))
-                number = next(self._numbers)
-                codec = codec.for_channel(name, declare=partial(_redefine, self._journal, self.channels, number))
-                info = ChannelInfo(number, name, kind, texts, schema, about.schema_name, codec)
-                if info.number > _MAX_TOPICS:
-                    raise TopicError(f"topic {name!r}: a recording holds {_MAX_TOPICS} topics, and has them")
-                self.channels[info.number] = info
-                self._journal.register(number, info.schema_record(info.first_schema()), info.channel_record())
+                info = self._register(self._info(name, kind, texts, about))
                 # a signal handler may have opened the topic meanwhile; then this number has no rows
                 topic = self._topics.setdefault(key, make(info))
         if texts and not is_new:
             write_metadata(self._journal, TOPIC_RECORD, {"topic": name, **texts})
         return topic
+
+    def give_schema(self, channel: ChannelInfo, schema: GivenSchema) -> ChannelInfo:
+        """Register a channel with a schema in the place of one that has no rows.
+
+        Args:
+            channel: Of the topic so far.
+            schema: The schema of its rows.
+
+        Returns:
+            The channel of the topic's rows from now on.
+
+        Raises:
+            StateError: The recorder is closed, or this is a forked child.
+        """
+        self._journal.check_open()
+        with self._topics_lock:
+            # The journal goes on announcing the old channel; a segment announces only channels with rows.
+            about = TopicAbout(schema=schema)
+            return self._register(self._info(channel.topic, channel.kind, channel.metadata, about))
+
+    def _info(self, name: str, kind: str, texts: Mapping[str, str], about: TopicAbout) -> ChannelInfo:
+        """Return the channel of a new topic."""
+        given, number = about.schema, next(self._numbers)
+        if given is not None:
+            kind = MESSAGE if kind == TRACK else kind
+            return ChannelInfo(number, name, kind, texts, given.data, given.name or name, given.codec)
+        default = self._encoding if kind in (TRACK, MESSAGE) else "json"
+        codec = codec_table.to_record(default if about.encoding is None else about.encoding)
+        codec = codec.for_channel(name, declare=partial(_redefine, self._journal, self.channels, number))
+        return ChannelInfo(number, name, kind, texts, codec=codec)
+
+    def _register(self, info: ChannelInfo) -> ChannelInfo:
+        """Announce a channel in the journal."""
+        if info.number > _MAX_TOPICS:
+            raise TopicError(f"topic {info.topic!r}: a recording holds {_MAX_TOPICS} topics, and has them")
+        self.channels[info.number] = info
+        self._journal.register(info.number, info.schema_record(info.first_schema()), info.channel_record())
+        return info
 
     def _texts(self, key: tuple[str, str], about: TopicAbout) -> dict[str, str]:
         metadata = about.metadata

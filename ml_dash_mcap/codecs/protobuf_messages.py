@@ -85,7 +85,7 @@ class _Rows:
         if inner is not None and inner.GetOptions().map_entry:
             return _map(inner.fields_by_name["key"], self._of_value(inner.fields_by_name["value"]))
         of_value = self._of_value(field)
-        if not _is_repeated(field):
+        if not is_repeated(field):
             return of_value
         return _AS_LIST if of_value is None else lambda values: [of_value(value) for value in values]
 
@@ -99,7 +99,8 @@ class _Rows:
         return None
 
 
-def _is_repeated(field: FieldDescriptor) -> bool:
+def is_repeated(field: FieldDescriptor) -> bool:
+    """Whether a field holds any number of values."""
     if hasattr(field, "is_repeated"):
         return bool(field.is_repeated)
     return bool(field.label == FieldDescriptor.LABEL_REPEATED)  # protobuf before 6.31

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ..capture.topic_names import check_topic
 from ..errors import ConversionWarning, TopicError
 from ..file_names import OWN_TOPICS
 from ..rows.plain_row import EXACT_KEY, TIME_KEY
-from ..topic import check_topic
 from .mocap.placement import Placement
 
 # A topic's name has 1024 bytes at most; the rest is room for the digest.

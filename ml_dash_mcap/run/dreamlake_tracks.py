@@ -8,9 +8,11 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, overload
 
 from ..capture.channels import ChannelInfo
+from ..capture.topic_context import TopicContext
 from ..errors import RangeError
 from ..rows.result_dicts import BytesFormat, Page, Take, TimePage
-from ..topic import Topic, TopicContext
+from ..timestamps import MISSING
+from ..topic import Topic
 from ..topic_reader import Columns, Json, Seconds
 from . import pages
 from .track_formats import render_track
@@ -63,6 +65,12 @@ class SessionTrack(BoundTopic):
         """Take many points at once, given as columns; see `Topic.append_columns`."""
         super().append_columns(*positional, **columns)
         self._taken += len(next(iter(columns.values()), ()))
+        return self
+
+    def append_message(self: SelfT, message: Any, /, *, _ts: Any = MISSING) -> SelfT:
+        """Take one protobuf message as a point; see `Topic.append_message`."""
+        super().append_message(message, _ts=_ts)
+        self._taken += 1
         return self
 
     def append_batch(self, rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:  # type: ignore[override]  # dreamlake's

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from types import TracebackType
 from typing import Any
 
-from .. import shipped_schemas
 from ..capture.topic_registry import TopicAbout
+from ..codecs.own_rows import own_schema
 from ..errors import FieldError, RangeError
 from ..file_names import EPISODE, EPISODE_TOPIC
 from ..recorder import Recorder, open_topic
@@ -23,11 +23,10 @@ _log = logging.getLogger("ml_dash_mcap")
 class Episodes:
     """Begins the episodes of a run, one after the other; any thread may call it."""
 
-    __slots__ = ("_begun", "_lock", "_open", "_recorder", "_schema")
+    __slots__ = ("_begun", "_lock", "_open", "_recorder")
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
-        self._schema = shipped_schemas.load("ml_dash.episode")
         self._lock = threading.RLock()
         """Guards `_open` and `_begun`."""
         self._open: OpenEpisode | None = None
@@ -38,7 +37,7 @@ class Episodes:
     ) -> OpenEpisode:
         """Begin an episode, and end the one that is still open; see `Experiment.episode`."""
         stated = _check(task, success, metadata)
-        about = TopicAbout(schema=self._schema, schema_name="ml_dash.episode")
+        about = TopicAbout(schema=own_schema("ml_dash.episode"))
         topic = open_topic(self._recorder, EPISODE_TOPIC, EPISODE, EventTopic, about)
         start = None if time is None else topic.time_of(time)
         with self._lock:

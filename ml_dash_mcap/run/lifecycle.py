@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, Generic, TypeVar
 
+from ..codecs import codec_table
 from ..errors import FieldError, StateError, UsageError
 from ..options import RecorderOptions, check_options
 from ..rows import json_text
@@ -147,16 +149,29 @@ def _json_text(name: str, value: Any) -> str:
         raise FieldError(f"{name}={value!r} has no JSON: {error}") from error
 
 
-def choose_options(options: RecorderOptions | None, buffer_config: Any) -> RecorderOptions:
+def choose_options(options: RecorderOptions | None, buffer_config: Any, encoding: str | None = None) -> RecorderOptions:
     """Return a recorder's options from those given, ml-dash's `buffer_config`, or the environment.
 
+    Args:
+        options: What was given as `options=`.
+        buffer_config: What was given as `buffer_config=`.
+        encoding: What was given as `encoding=`; it counts more than the environment.
+
     Raises:
-        UsageError: Both are given.
+        UsageError: Two of them say the same thing.
         OptionError: A value is out of its range, or a name unknown.
     """
+    if encoding is not None:
+        codec_table.to_record(encoding)
     if options is None:
-        return RecorderOptions.from_environment(buffer_config=buffer_config)
+        chosen = RecorderOptions.from_environment(buffer_config=buffer_config)
+        return chosen if encoding is None else replace(chosen, encoding=encoding)
     if buffer_config is not None:
         raise UsageError("options= and buffer_config= both say how to buffer; pass one")
     check_options(options)
+    if encoding not in (None, options.encoding):
+        raise UsageError(
+            f"encoding={encoding!r} and options= with encoding={options.encoding!r} contradict each other; pass"
+            f" options=RecorderOptions(encoding={encoding!r}, ...)"
+        )
     return options

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any, Generic, Literal
 
-from .. import shipped_schemas
 from ..capture.topic_registry import TopicAbout
+from ..codecs.own_rows import own_schema
 from ..file_names import FILE, FILE_TOPIC, RUN_RECORD
 from ..options import RecorderOptions
 from ..recorder import Recorder, open_topic
@@ -110,11 +110,8 @@ class _FileRows:
         self._readback = readback
 
     def append(self, row: dict[str, Any]) -> None:
-        schema = shipped_schemas.load("ml_dash.file")
-        topic = open_topic(
-            self._recorder, FILE_TOPIC, FILE, EventTopic, TopicAbout(schema=schema, schema_name="ml_dash.file")
-        )
-        topic.add(row)
+        about = TopicAbout(schema=own_schema("ml_dash.file"))
+        open_topic(self._recorder, FILE_TOPIC, FILE, EventTopic, about).add(row)
 
     def rows(self) -> Iterable[dict[str, Any]]:
         return self._readback.rows(FILE_TOPIC)

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from types import FrameType
 from typing import Any
 
-from .. import clock, shipped_schemas
+from .. import clock
 from ..capture.topic_registry import TopicAbout
+from ..codecs.own_rows import own_schema
 from ..errors import FieldError
 from ..file_names import LOG, LOG_TOPIC
 from ..recorder import Recorder, open_topic
@@ -29,7 +30,7 @@ class Logs:
         >>> exp.logs.error("Gripper lost the object", force_n=0.2)
     """
 
-    __slots__ = ("_beside", "_name", "_recorder", "_schema", "_topic")
+    __slots__ = ("_beside", "_name", "_recorder", "_topic")
 
     def __init__(self, recorder: Recorder, name: str, beside: Mapping[str, Any] | None = None) -> None:
         """Make a log.
@@ -42,7 +43,6 @@ class Logs:
         self._recorder = recorder
         self._name = name
         self._beside = dict(beside or {})
-        self._schema = shipped_schemas.load("ml_dash.log")
         self._topic: EventTopic | None = None
 
     def __repr__(self) -> str:
@@ -92,7 +92,7 @@ class Logs:
             raise FieldError(f"Invalid log level: {level!r}. Must be one of: {', '.join(LEVELS)}")
         topic = self._topic
         if topic is None:
-            about = TopicAbout(schema=self._schema, schema_name="foxglove.Log")
+            about = TopicAbout(schema=own_schema("ml_dash.log", "foxglove.Log"))
             topic = open_topic(self._recorder, LOG_TOPIC, LOG, EventTopic, about)
             self._topic = topic
         row = {

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from ..capture.topic_names import check_topic
 from ..capture.topic_registry import TopicAbout
 from ..errors import FieldError, UsageError
 from ..file_names import METRIC, METRIC_TOPICS
 from ..recorder import Recorder, open_topic
 from ..rows.plain_row import EXACT_KEY, TIME_KEY
 from ..rows.result_dicts import Page
-from ..topic import EventTopic, check_topic
+from ..topic import EventTopic
 from . import pages
 from .readback import Readback
 

@@ -7,13 +7,15 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Generic, Literal, TypeVar, overload
 
+from ..capture.topic_names import check_topic
 from ..capture.topic_registry import TopicAbout
+from ..codecs.given.schema_source import SchemaSource, given_schema
 from ..errors import EntryNotFoundError, FieldError, RangeError
 from ..file_names import TRACK
 from ..meaning.annotations import NO_ANNOTATIONS, collect
 from ..recorder import Recorder, open_topic
 from ..rows.result_dicts import BytesFormat, Entries, Take
-from ..topic import Topic, check_topic
+from ..topic import Topic
 from ..topic_reader import Columns, Json, Seconds
 from .readback import Readback
 from .track_formats import render_track
@@ -240,6 +242,8 @@ class Tracks(Generic[TrackT]):
         joint_names: Sequence[str] | None = None,
         frame_id: str | None = None,
         quat_order: str | None = None,
+        encoding: str | None = None,
+        schema: SchemaSource = None,
     ) -> TrackT:
         """Return the track of a topic, the same object each time.
 
@@ -251,20 +255,32 @@ class Tracks(Generic[TrackT]):
             joint_names: Of the elements of joint angles, velocities and torques.
             frame_id: What positions, orientations and vectors are relative to.
             quat_order: "xyzw" or "wxyz", of all quaternions of the topic.
+            encoding: The encoding of its rows, such as "json" or "cbor"; the recorder's option by default.
+            schema: The schema of its rows, as `Recorder.topic` takes it.
 
         Raises:
-            TopicError: The topic is empty, too long, or one of the library's own.
+            TopicError: The topic is empty, too long, or one of the library's own, or is open in another encoding, with
+                another schema, or has rows without one.
             UsageError: It is no text.
+            OptionError: Rows cannot be recorded in that encoding, or the schema is not known.
+            EncodingError: The schema is broken.
             StateError: The run has ended.
         """
         track = self._opened.get(topic) if isinstance(topic, str) else None
         given = (description, tags, metadata, units, joint_names, frame_id, quat_order)
         # The usual call in a control loop: one lookup and one comparison, no checks.
-        if track is not None and given == NO_ANNOTATIONS:
+        if track is not None and given == NO_ANNOTATIONS and encoding is None and schema is None:
             return track
         check_topic(topic)
         more = collect(units, joint_names, frame_id, quat_order)
-        about = TopicAbout(description=description, tags=tags, metadata=metadata, more=more)
+        about = TopicAbout(
+            description=description,
+            tags=tags,
+            metadata=metadata,
+            more=more,
+            encoding=encoding,
+            schema=given_schema(schema, encoding),
+        )
         track = open_topic(self._recorder, topic, TRACK, self._kind, about)
         track.bind(self._readback)
         self._opened[topic] = track

@@ -21,9 +21,9 @@ from ...query.time_order import TOLERANCE_NS
 from ...recorder import Recorder, open_topic
 from ...rows.plain_row import TIME_KEY
 from ...suggestions import not_found
-from ...topic import MessageTopic
 from .bag_contents import Bag, ConnectionBatch
 from .bag_types import Types
+from .message_topic import MessageTopic
 from .messages import lossless_definitions, restore
 from .messages.lossless import Message
 

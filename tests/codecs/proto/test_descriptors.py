@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from mcap.records import Schema
 from mcap_protobuf.decoder import DecoderFactory
 
+from ml_dash_mcap.capture.topic_names import check_topic
 from ml_dash_mcap.codecs.proto import descriptor
 from ml_dash_mcap.codecs.proto.layout import ROW, Layout
 from ml_dash_mcap.codecs.protobuf import CODEC, ProtobufCodec
-from ml_dash_mcap.topic import check_topic
 from tests.rows.test_json_text import same
 from tests.support.examples import examples
 
