@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 from ..errors import EncodingError, UndecodedWarning
 from ..mcap.records import Channel, Schema
 from .decoding import Decoding
 from .ros.distros import Likely
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 Row = dict[str, Any]
 
@@ -24,6 +28,39 @@ ODD_FIELD = "_data"
 """Holds the payload of a message that is not decoded among others that are, and may have a field `data`."""
 
 _ROS = ("ros1", "cdr")
+
+
+class DecodedRun(NamedTuple):
+    """Consecutive messages of a block."""
+
+    start: int
+    end: int
+    """Numbers of the first message, and of the one behind the last."""
+    decode: Callable[[int, int], list[Row]] | None
+    """Decodes some of them at once, by the numbers of the first one and of the one behind the last; None where each has
+    to be decoded by itself. It raises a `ValueError` where one does not fit its schema."""
+
+
+class MessageBlock(Protocol):
+    """Messages of one channel that were looked at together."""
+
+    times: npt.NDArray[np.float64]
+    """The rows' own time stamps, [N], in s; NaN where these have to be decoded one by one."""
+
+    def runs(self, among: npt.NDArray[np.bool_]) -> Iterator[DecodedRun]:
+        """Yield runs of consecutive messages, which together are all messages.
+
+        Args:
+            among: The messages that may be decoded with others, [N]; of these, all have a time stamp.
+        """
+
+
+@runtime_checkable
+class BlockDecoder(Protocol):
+    """A `Decoder` that decodes many messages faster than one by one."""
+
+    def block(self, payloads: Sequence[bytes]) -> MessageBlock | None:
+        """Look at the messages of a block; None if they should be decoded one by one."""
 
 
 @dataclass(frozen=True, slots=True)

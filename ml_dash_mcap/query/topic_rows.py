@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from typing import Any, SupportsIndex
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy.typing as npt
 from .. import clock
 from ..codecs.codec import MessageCodec
 from ..codecs.decode import codec_of, decoder
-from ..codecs.encoded_channel import Decoder, Row
+from ..codecs.encoded_channel import BlockDecoder, Decoder, MessageBlock, Row
 from ..errors import DamagedFileError, RangeError
 from ..rows.merge import merge
 from ..rows.plain_row import TIME_KEY
@@ -164,11 +165,36 @@ def decode(
         EncodingError: The messages cannot be decoded, and that is to be an error.
     """
     decode_one = decoder_of(origin, decoders)
+    block = decode_one.block(payloads) if isinstance(decode_one, BlockDecoder) else None
+    if block is not None:
+        yield from _by_runs(origin, block, payloads, times_ns, decode_one)
+        return
     codec = codec_of(origin.channel)
     for start in range(0, len(payloads), _AT_ONCE):
         some, their_ns = payloads[start : start + _AT_ONCE], times_ns[start : start + _AT_ONCE]
         plain = None if codec is None else _plain(codec, some, their_ns)
         yield from _one_by_one(origin, some, their_ns, decode_one) if plain is None else plain
+
+
+def _by_runs(
+    origin: MessageOrigin,
+    block: MessageBlock,
+    payloads: list[bytes],
+    times_ns: npt.NDArray[np.uint64],
+    decode_one: Decoder,
+) -> Iterator[Row | None]:
+    """Decode messages some at once, where they are alike and have the time stamps that their log times say."""
+    for first, last, decode_some in block.runs(is_close(block.times, times_ns)):
+        for start in range(first, last, _AT_ONCE):
+            end = min(start + _AT_ONCE, last)
+            rows = None
+            if decode_some is not None:
+                with suppress(ValueError):  # one of them does not fit its schema
+                    rows = decode_some(start, end)
+            if rows is None:
+                yield from _one_by_one(origin, payloads[start:end], times_ns[start:end], decode_one)
+            else:
+                yield from rows
 
 
 def _plain(codec: MessageCodec, payloads: list[bytes], times_ns: npt.NDArray[np.uint64]) -> list[Row] | None:

@@ -10,43 +10,22 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from ml_dash_mcap.codecs import protobuf
 from ml_dash_mcap.codecs.codec import Columns
-from ml_dash_mcap.codecs.proto import columns as proto_columns
+from ml_dash_mcap.codecs.proto import form_search
 from ml_dash_mcap.codecs.proto.columns import ProtobufColumnReader
 from ml_dash_mcap.codecs.proto.row_decoder import RowDecoder
 from ml_dash_mcap.rows import table
 from ml_dash_mcap.rows.dotted import flatten
 from tests.support.examples import examples
+from tests.support.protobuf_rows import MUTATIONS, ROBOT, damaged, recorded
 from tests.support.row_shapes import tables
 
 Row = dict[str, Any]
 
-ROBOT = {
-    "q": [0.5, 1.5, -2.5],
-    "n": 3,
-    "on": True,
-    "name": "arm",
-    "raw": b"\x00\xff",
-    "pose": {"p": [1.0, 2.0], "frame": {"id": "map", "seq": 7}},
-    "m": [[1.0, 2.0], [3.0, 4.0]],
-    "flags": [True, False],
-    "words": ["a", "bc"],
-    "seen": [{"label": "cup", "at": [0.1, 0.2]}, {"label": "pen", "at": [0.3, 0.4]}],
-}
-
 
 @pytest.fixture(autouse=True)
 def _every_form_becomes_columns(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(proto_columns, "LEAST_ROWS", 1)
-
-
-def recorded(rows: list[Row]) -> tuple[list[bytes], RowDecoder]:
-    """Encode rows one second apart; returns them, and the decoder of their channel."""
-    codec = protobuf.CODEC.for_channel("topic")
-    assert isinstance(codec, protobuf.ProtobufCodec)
-    payloads = [codec.encode({**row, "_ts": float(time_s)}, "topic") for time_s, row in enumerate(rows)]
-    return payloads, RowDecoder(codec.layout)
+    monkeypatch.setattr(form_search, "LEAST_ROWS", 1)
 
 
 def check(payloads: list[bytes], decoder: RowDecoder, wanted: list[str] | None = None) -> Columns | None:
@@ -135,22 +114,6 @@ def test_exact_columns_are_those_of_one_form_of_plain_values() -> None:
 @example(rows=[{"s": "\u00e9"}, {"s": "ab"}, {"s": ""}], wanted=None)
 def test_columns_are_those_of_the_rows(rows: list[Row], wanted: list[str] | None) -> None:
     check(*recorded(rows), wanted)
-
-
-MUTATIONS = st.lists(
-    st.tuples(st.integers(0, 39), st.floats(0, 1), st.integers(0, 255), st.sampled_from(["set", "cut", "insert"])),
-    min_size=1,
-    max_size=4,
-)
-
-
-def damaged(payload: bytes, where: float, byte: int, how: str) -> bytes:
-    at = int(where * len(payload))
-    if how == "cut":
-        return payload[:at]
-    if how == "insert":
-        return payload[:at] + bytes([byte]) + payload[at:]
-    return payload[:at] + bytes([byte]) + payload[at + 1 :]
 
 
 @settings(deadline=None, max_examples=examples(600))

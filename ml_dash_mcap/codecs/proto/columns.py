@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,25 +19,12 @@ from .. import payloads as payload_arrays
 from ..codec import Columns
 from ..encoded_channel import Decoder
 from ..payloads import Payloads
-from . import row_match, row_template, value_arrays
-from .layout import Layout, Member
+from . import form_search, row_match, value_arrays
+from .form_search import RowForm
+from .layout import Member
 from .row_decoder import RowDecoder
-from .row_match import MatchedRows
-from .row_template import TIME_MEMBER, Leaf, Node, RowTemplate
+from .row_template import TIME_MEMBER, Leaf, Node
 from .value_arrays import InexpressibleError
-
-MOST_TEMPLATES = 16
-"""So many templates are looked for in a block; the rows of the others become Python objects."""
-
-LEAST_ROWS = 16
-"""A template costs as much as some rows that become Python objects."""
-
-
-class _Form(NamedTuple):
-    """The rows of one template, and what they are."""
-
-    rows: MatchedRows
-    template: RowTemplate
 
 
 class ProtobufColumnReader:
@@ -84,14 +71,14 @@ class ProtobufColumnReader:
             return None
         return arrays if all(map(_is_plain, arrays.values())) else None
 
-    def _forms(self, payloads: Sequence[bytes]) -> tuple[list[_Form], npt.NDArray[np.intp]]:
+    def _forms(self, payloads: Sequence[bytes]) -> tuple[list[RowForm], npt.NDArray[np.intp]]:
         decode = self._decoder()
         if not isinstance(decode, RowDecoder) or not len(payloads):
             return [], np.arange(len(payloads))
         in_one_array = payloads if isinstance(payloads, Payloads) else payload_arrays.of_list(payloads)
-        return forms_of(in_one_array, decode.layout)
+        return form_search.forms_of(in_one_array, decode.layout)
 
-    def _arrays(self, form: _Form) -> Iterator[tuple[str, pa.Array]]:
+    def _arrays(self, form: RowForm) -> Iterator[tuple[str, pa.Array]]:
         """Yield the columns of a form by dotted name."""
         values = form.rows.values
         names: set[str] = set()
@@ -102,47 +89,6 @@ class ProtobufColumnReader:
             if is_wanted(name, self._columns) or is_wanted(FIELD_PREFIX + name, self._columns):
                 yield encodable(name), _array(node, values, len(form.rows.which))
         yield TIME_KEY, value_arrays.of_values(TIME_MEMBER, [values[form.template.time]])
-
-
-def forms_of(payloads: Payloads, layout: Layout) -> tuple[list[_Form], npt.NDArray[np.intp]]:
-    """Sort rows by their templates.
-
-    Returns:
-        The forms, and the numbers of the rows that are of none, in their order.
-    """
-    waiting = np.arange(len(payloads))
-    forms: list[_Form] = []
-    others: list[npt.NDArray[np.intp]] = []
-    for _ in range(MOST_TEMPLATES):
-        if len(waiting) < LEAST_ROWS:
-            break
-        form = _widest(payloads, waiting, layout)
-        if form is None:
-            others.append(waiting[:1])
-            waiting = waiting[1:]
-            continue
-        if len(form.rows.which) >= LEAST_ROWS:
-            forms.append(form)
-        else:
-            others.append(form.rows.which)
-        waiting = np.setdiff1d(waiting, form.rows.which, assume_unique=True)
-    return forms, np.sort(np.concatenate([*others, waiting]))
-
-
-def _widest(payloads: Payloads, waiting: npt.NDArray[np.intp], layout: Layout) -> _Form | None:
-    """Return the rows that are laid out like the first one; the sort of template is taken that most rows have."""
-    first = payloads[int(waiting[0])]
-    best: _Form | None = None
-    for differ in (row_template.ALL_ALIKE, row_template.TEXTS_DIFFER, row_template.LENGTHS_DIFFER):
-        template = row_template.of_row(first, layout, differ)
-        if template is None:
-            return None
-        form = _Form(row_match.match(payloads, waiting, template), template)
-        if best is None or len(form.rows.which) > len(best.rows.which):
-            best = form
-        if len(best.rows.which) == len(waiting):
-            break
-    return best
 
 
 # -- columns -----------------------------------------------------------------------------------------------------------
@@ -199,7 +145,7 @@ def _merged(nodes: Sequence[Any]) -> Leaf:
     return Leaf(member, [number for node in nodes for number in node.values])
 
 
-def _joined(forms: Sequence[_Form], blocks: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
+def _joined(forms: Sequence[RowForm], blocks: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
     """Return the columns of several forms as columns of all their rows; None where a column is of no type."""
     if len(blocks) == 1:
         return blocks[0]

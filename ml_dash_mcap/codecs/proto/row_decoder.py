@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from ...rows.plain_row import TIME_KEY
+from ..encoded_channel import MessageBlock
 from . import exact_values, wire
 from .layout import EXACT_NUMBER, TIME_NUMBER, Kind, Layout, Member
 from .row_encoder import decode_array
+
+if TYPE_CHECKING:
+    from .block_decoder import BlockReader
 
 Row = dict[str, Any]
 
 Misfit = Callable[[bytes, Exception], "Row | None"]
 """Returns what stands for a payload that is no row, by the error that it caused."""
+
+LEAST_ROWS = 16
+"""Fewer are decoded one by one."""
 
 
 class RowDecoder:
@@ -29,6 +36,7 @@ class RowDecoder:
         """
         self.layout = layout
         self._misfit = misfit
+        self._blocks: BlockReader | None = None
 
     def __call__(self, payload: bytes) -> Row | None:
         """Decode a row.
@@ -42,6 +50,16 @@ class RowDecoder:
             return self.decode(payload)
         except (ValueError, RecursionError) as error:
             return self._misfit(payload, error)
+
+    def block(self, payloads: Sequence[bytes]) -> MessageBlock | None:
+        """Look at the rows of a block, so that those of one layout are decoded together."""
+        if len(payloads) < LEAST_ROWS:
+            return None
+        if self._blocks is None:
+            from .block_decoder import BlockReader  # numpy, which no appending thread waits for
+
+            self._blocks = BlockReader(self.layout)
+        return self._blocks.block(payloads)
 
     def decode(self, payload: bytes) -> Row:
         """Decode a row.

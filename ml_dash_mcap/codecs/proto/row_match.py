@@ -58,12 +58,14 @@ def match(payloads: Payloads, which: npt.NDArray[np.intp], template: RowTemplate
 
     Args:
         payloads: All rows.
-        which: Numbers of the rows to look at, [N]. The row that the template was made of is one of them.
+        which: Numbers of the rows to look at, [N].
         template: Of the rows.
     """
     steps = template.steps
-    if len(steps) == 1 and isinstance(steps[0], FixedRun):
-        which = which[(payloads.ends - payloads.starts)[which] == steps[0].length]
+    if template.is_fixed:
+        which = which[(payloads.ends - payloads.starts)[which] == template.length]
+    if not len(which):
+        return MatchedRows(which, ())
     walk = _Walk(payloads.data, payloads.starts[which], payloads.ends[which])
     run_starts: dict[int, Numbers] = {}
     varying: dict[int, tuple[Numbers, Numbers]] = {}
@@ -125,6 +127,8 @@ class _Walk:
         fits = self._at + run.length <= self._ends
         if not fits.all():
             self._is_match &= fits
+            if not fits.any():
+                return self._at
             # The data has a run of this length somewhere, so it has one at its start.
             self._at = np.where(fits, self._at, 0)
         starts = self._at

@@ -90,6 +90,16 @@ class RowTemplate:
     time: int = -1
     """The number of the value that is the time stamp."""
 
+    @property
+    def is_fixed(self) -> bool:
+        """Whether all rows have one length, and all values lie at the same places."""
+        return len(self.steps) == 1 and isinstance(self.steps[0], FixedRun)
+
+    @property
+    def length(self) -> int:
+        """How many bytes the runs of a row have: all bytes, if it is fixed."""
+        return sum(step.length for step in self.steps if isinstance(step, FixedRun))
+
 
 def of_row(payload: bytes, layout: Layout, differ: Collection[Kind]) -> RowTemplate | None:
     """Return the template of a row; None for rows that only Python objects hold, or that are none of the layout.
