@@ -60,9 +60,9 @@ def append(self, /, *_positional, {parameters}, _ts=_M, **_others):
             except RuntimeError:  # an exception of a signal handler came while it waited
                 pass
     except _FAILURES:
-        return self._append_otherwise(_positional, {given}, _others)
+        return self._append_otherwise(_positional, locals(), _keys, _others)
     if _end:
-        return self._append_slowly({given})
+        return self._append_slowly(locals(), _keys)
     _journal.eager()
     return self
 """
@@ -79,7 +79,7 @@ def compile_append(code: AppendCode, head: bytes, end_s: float) -> Callable[...,
         head: Channel id and sequence number as they stand in a Message record.
         end_s: The first time stamp that is too late, in s.
     """
-    names = {**code.names, "_M": MISSING, "_FAILURES": FAILURES, "_second": (0, 0)}
+    names = {**code.names, "_M": MISSING, "_FAILURES": FAILURES, "_second": (0, 0), "_keys": (*code.keys, "_ts")}
     first, *others = code.terms
     if others:
         names |= {"_first": struct.Struct(f"<{code.first_format}").pack, "_head": head}
@@ -101,7 +101,6 @@ def compile_append(code: AppendCode, head: bytes, end_s: float) -> Callable[...,
         end_s=end_s,
         lines="\n        ".join(code.lines),
         record=record,
-        given="{" + ", ".join(f"{key!r}: {key}" for key in (*code.keys, "_ts")) + "}",
         size=size,
         put=put,
     )

@@ -166,16 +166,18 @@ class Topic:
         own = type(self)
         return own if own.append is Topic.append else own.__bases__[0]
 
-    def _append_otherwise(self: T, positional: tuple[Any, ...], arguments: dict[str, Any], others: dict[str, Any]) -> T:
+    def _append_otherwise(
+        self: T, positional: tuple[Any, ...], variables: dict[str, Any], keys: Iterable[str], others: dict[str, Any]
+    ) -> T:
         """Append a row whose arguments the compiled `append` is not for; if these are many, it is given up."""
         self._misses += 1
         if self._misses == _MOST_MISSES:
             self.__class__ = self._plain_class()
-        return Topic.append(self, *positional, **_present(arguments), **others)
+        return Topic.append(self, *positional, **_present(variables, keys), **others)
 
-    def _append_slowly(self: T, arguments: dict[str, Any]) -> T:
+    def _append_slowly(self: T, variables: dict[str, Any], keys: Iterable[str]) -> T:
         """Append a row that the compiled `append` found no room for."""
-        return Topic.append(self, **_present(arguments))
+        return Topic.append(self, **_present(variables, keys))
 
     def append_batch(self: T, rows: Iterable[Mapping[str, Any]]) -> T:
         """Take several rows, each a dict of fields with its `_ts`. If one of them is bad, none is taken.
@@ -383,8 +385,9 @@ class EventTopic(Topic):
         return taken
 
 
-def _present(arguments: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in arguments.items() if value is not MISSING}
+def _present(variables: dict[str, Any], keys: Iterable[str]) -> dict[str, Any]:
+    """Return the arguments that were given."""
+    return {key: variables[key] for key in keys if variables[key] is not MISSING}
 
 
 def _call(install: Callable[[AppendCode | None], None] | None, code: AppendCode | None) -> None:

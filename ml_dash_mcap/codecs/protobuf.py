@@ -17,13 +17,13 @@ from ..rows.shape import Shape
 from . import protobuf_messages
 from .codec import BlockForms, Codec, ColumnReader, EncodedColumns
 from .encoded_channel import Decoder, EncodedChannel, Row
-from .proto import compiled_rows, descriptor, row_parts
-from .proto.compiled_rows import AppendCode, Encode
+from .proto import descriptor, row_parts
+from .proto.compilation import Compilation
+from .proto.compiled_rows import AppendCode
 from .proto.growth import Growth
 from .proto.layout import ROW, Layout
 from .proto.row_decoder import RowDecoder
 from .proto.row_encoder import RowEncoder
-from .proto.row_source import NotCompilableError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,12 +32,6 @@ if TYPE_CHECKING:
 _MOST_GROWTHS = 200
 """How often the layout of a topic grows; what comes later has no field. Each growth writes the whole descriptor into
 the journal."""
-
-_MOST_VARIANTS, _MOST_COMPILATIONS, _MOST_KEYS = 4, 12, 256
-"""Of rows with the same keys, so many functions are kept, and so many compiled; and for so many different keys."""
-
-_MOST_RIGID = 2
-"""Of rows with the same keys, so many functions are compiled that take lists of one length only."""
 
 _LOCK_WAIT_S = 1.0
 """After a fork, another thread of the parent may hold the lock in the child for ever."""
@@ -66,10 +60,7 @@ class ProtobufCodec(Codec):
         """Guards the growth of the layout."""
         self._is_growing = False
         self._growths = 0
-        self._compiled: dict[tuple[str, ...], tuple[Encode, ...]] = {}
-        """By the keys of rows, the functions for those that came so far, the last one first."""
-        self._compilations: dict[tuple[str, ...], int] = {}
-        self._install: Callable[[AppendCode | None], None] | None = None
+        self._compilation = Compilation()
 
     def for_channel(self, topic: str, schema: bytes = b"", declare: Callable[[bytes], bool] | None = None) -> Codec:
         """Return a codec for the rows of one channel."""
@@ -78,7 +69,7 @@ class ProtobufCodec(Codec):
 
     def on_compiled(self, install: Callable[[AppendCode | None], None]) -> None:
         """Name the function that takes the code of an `append`."""
-        self._install = install
+        self._compilation.install = install
 
     # -- append --------------------------------------------------------------------------------------------------------
 
@@ -87,32 +78,15 @@ class ProtobufCodec(Codec):
 
     def dumps(self, fields: dict[str, Any], default: Any) -> bytes:
         """Encode a row, by a compiled function if rows like it came before."""
-        for encode in self._compiled.get(tuple(fields), ()):
+        for encode in self._compilation.functions.get(tuple(fields), ()):
             payload = encode(fields)
             if payload is not None:
                 return payload
         layout = self.layout
         payload = self._encoded(PlainRow(self.topic).row(fields))
         if layout is self.layout:
-            self._compile(fields)
+            self._compilation.learn(layout, fields)
         return payload
-
-    def _compile(self, fields: dict[str, Any]) -> None:
-        """Compile a function for rows like one that had none, unless that happened too often."""
-        key = tuple(fields)
-        with self._lock:
-            if self._compilations.get(key, 0) >= _MOST_COMPILATIONS or len(self._compilations) >= _MOST_KEYS:
-                return
-            count = self._compilations[key] = self._compilations.get(key, 0) + 1
-        is_flexible = count > _MOST_RIGID
-        try:
-            encode = compiled_rows.compile_row(self.layout, fields, is_flexible=is_flexible)
-        except NotCompilableError:
-            return
-        self._compiled[key] = (encode, *self._compiled.get(key, ())[: _MOST_VARIANTS - 1])
-        code = compiled_rows.append_code(self.layout, fields, is_flexible=is_flexible)
-        if code is not None and self._install is not None:
-            self._install(code)
 
     def encode_exactly(self, fields: Mapping[str, Any], topic: str) -> bytes:
         """Encode a row, or say which of its values cannot be stored."""
@@ -178,9 +152,7 @@ class ProtobufCodec(Codec):
                 if self._declare is not None and not self._declare(descriptor.encode(wider, self.topic)):
                     return layout
                 self.layout = wider
-                self._compiled = {}  # integers may have to go into another field now
-                if self._install is not None:
-                    self._install(None)
+                self._compilation.forget()
                 return wider
             finally:
                 self._is_growing = False
