@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from ml_dash_mcap import Recorder
+from ml_dash_mcap import Recorder, RecorderOptions
 from ml_dash_mcap.errors import (
     DamagedFileError,
     FormatError,
@@ -257,6 +257,23 @@ def test_a_run_that_has_just_begun_is_a_recording_of_nothing_so_far_and_not_fini
         assert (rec.topics["robot"].count, rec.finished) == (1, False)
     with Recording(tmp_path / "run") as rec:
         assert rec.finished
+
+
+@pytest.mark.parametrize("encoding", ["json", "protobuf"])
+def test_fields_that_rows_get_while_a_recording_is_open_are_read_after_a_refresh(tmp_path, encoding):
+    rows = [{"q": [1.5, 2.5]}, {"q": [3.5, 4.5], "mode": "hold"}, {"q": ["broken"], "pose": {"x": 1}}]
+    expected = [{**row, "_ts": float(n)} for n, row in enumerate(rows)]
+    with Recorder(tmp_path / "run", RecorderOptions(encoding=encoding)) as recorder:
+        recorder.topic("robot").append(**expected[0])
+        recorder.flush()
+        with Recording(tmp_path / "run") as rec:
+            for count, row in enumerate(expected[1:], 2):
+                recorder.topic("robot").append(**row)
+                recorder.flush()
+                assert rec.refresh()
+                assert list(rec["robot"].rows()) == expected[:count]
+                assert rec["robot"].to_arrow().num_rows == count
+            assert "pose.x" in rec["robot"].to_arrow().column_names
 
 
 def test_a_run_that_ends_without_a_row_is_a_finished_recording_of_nothing(tmp_path):

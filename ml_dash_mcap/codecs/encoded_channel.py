@@ -41,7 +41,7 @@ class DecodedRun(NamedTuple):
     to be decoded by itself. It raises a `ValueError` where one does not fit its schema."""
 
 
-class MessageBlock(Protocol):
+class DecodableBlock(Protocol):
     """Messages of one channel that were looked at together."""
 
     times: npt.NDArray[np.float64]
@@ -59,7 +59,7 @@ class MessageBlock(Protocol):
 class BlockDecoder(Protocol):
     """A `Decoder` that decodes many messages faster than one by one."""
 
-    def block(self, payloads: Sequence[bytes]) -> MessageBlock | None:
+    def block(self, payloads: Sequence[bytes]) -> DecodableBlock | None:
         """Look at the messages of a block; None if they should be decoded one by one."""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, wraps
 from typing import ParamSpec, TypeVar
 
@@ -81,6 +81,8 @@ class FileIndex:
     """Whether a summary says all this, rather than the records themselves."""
     doubtful: bool = False
     """Whether the summary says how many messages there are in two ways that differ: only they themselves can tell."""
+    schema_places: Mapping[int, tuple[int, int]] = field(default_factory=dict)
+    """Where the Schema records lie that a scan met, by schema: where each starts, and how long its content is."""
     size: int = 0
     """The place where a finished file's closing magic ends, in bytes. Other bytes may follow."""
 

@@ -77,6 +77,8 @@ class FileScan:
         at, verified = first, 0
         if previous is not None:
             self._scanned.resume(previous)
+            if previous.is_ours:
+                self._scanned.read_schemas_again()
             self._losses = [loss for loss in previous.losses if first <= loss.offset < previous.end]
             at, verified = previous.end, previous.chunks[-1].end if previous.chunks else 0
         self._run(at)
@@ -254,6 +256,7 @@ class FileScan:
             path=self.source.name,
             header=self.header,
             schemas=scanned.schemas,
+            schema_places=scanned.schema_places,
             channels=scanned.channels,
             chunks=scanned.chunks,
             message_counts=counts,

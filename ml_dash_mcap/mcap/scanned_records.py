@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from ..errors import DamagedFileError
@@ -96,6 +97,8 @@ class ScannedRecords:
         self.places: Sequence[int] = ()
         """Where records are known to start, in bytes, sorted: none lies inside another one."""
         self.schemas: dict[int, Schema] = {}
+        self.schema_places: dict[int, tuple[int, int]] = {}
+        """Where the Schema records lie: where each starts, and how long its content is."""
         self.channels: dict[int, Channel] = {}
         self.chunks: list[Chunk] = []
         self.metadata: list[MetadataEntry] = []
@@ -108,6 +111,7 @@ class ScannedRecords:
     def resume(self, previous: FileIndex) -> None:
         """Take over the records of an earlier scan."""
         self.schemas.update(previous.schemas)
+        self.schema_places.update(previous.schema_places)
         self.channels.update(previous.channels)
         self.chunks.extend(previous.chunks)
         self.metadata.extend(previous.metadata)
@@ -118,6 +122,23 @@ class ScannedRecords:
             counts = None if last.counts is None else self._counts
             # The same dict, not a copy: message indexes that follow are put into it.
             self.chunks[-1] = replace(last, message_index_offsets=self._offsets, counts=counts)
+
+    def read_schemas_again(self) -> None:
+        """Read the Schema records of an earlier scan again: a recorder in progress widens them where they lie.
+
+        It does so before it writes the rows that need it, so whoever has found these rows finds the schema. A record
+        that is changed meanwhile stays as it was read before.
+        """
+        for schema_id, (at, length) in self.schema_places.items():
+            source = self._window.source
+            data = source.read(at, PREFIX_BYTES + length)
+            is_there = len(data) == PREFIX_BYTES + length and read_prefix(data, 0) == (Opcode.SCHEMA, length)
+            if not is_there or source.read(at, len(data)) != data:
+                continue
+            with suppress(DamagedFileError):
+                schema = records.SCHEMA.read(Fields(data, source.name, at, PREFIX_BYTES))
+                if schema.id == schema_id:
+                    self.schemas[schema_id] = schema
 
     def take(self, opcode: int, at: int, length: int) -> None:
         """Take in a record that lies whole in the file.
@@ -139,6 +160,7 @@ class ScannedRecords:
         elif opcode == Opcode.SCHEMA:
             schema = records.SCHEMA.read(self._window.content(at, length))
             self.schemas[schema.id] = schema
+            self.schema_places[schema.id] = (at, length)
         elif opcode == Opcode.CHANNEL:
             channel = records.CHANNEL.read(self._window.content(at, length))
             self.channels[channel.id] = channel

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from .. import clock
 from ..codecs.codec import MessageCodec
 from ..codecs.decode import codec_of, decoder
-from ..codecs.encoded_channel import BlockDecoder, Decoder, MessageBlock, Row
+from ..codecs.encoded_channel import BlockDecoder, DecodableBlock, Decoder, Row
 from ..errors import DamagedFileError, RangeError
 from ..rows.merge import merge
 from ..rows.plain_row import TIME_KEY
@@ -178,7 +178,7 @@ def decode(
 
 def _by_runs(
     origin: MessageOrigin,
-    block: MessageBlock,
+    block: DecodableBlock,
     payloads: list[bytes],
     times_ns: npt.NDArray[np.uint64],
     decode_one: Decoder,

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ...rows.plain_row import TIME_KEY
-from ..encoded_channel import MessageBlock
+from ..encoded_channel import DecodableBlock
 from . import exact_values, wire
 from .layout import EXACT_NUMBER, TIME_NUMBER, Kind, Layout, Member
 from .row_encoder import decode_array
@@ -51,7 +51,7 @@ class RowDecoder:
         except (ValueError, RecursionError) as error:
             return self._misfit(payload, error)
 
-    def block(self, payloads: Sequence[bytes]) -> MessageBlock | None:
+    def block(self, payloads: Sequence[bytes]) -> DecodableBlock | None:
         """Look at the rows of a block, so that those of one layout are decoded together."""
         if len(payloads) < LEAST_ROWS:
             return None
