@@ -109,7 +109,7 @@ def compiled(text: str, names: Mapping[str, Any], name: str) -> Any:
     """
     globals_ = dict(names)
     try:
-        exec(compile(text, "<compiled row>", "exec"), globals_)  # only checked names and numbers
+        exec(_code_of(text), globals_)  # only checked names and numbers
     except (SyntaxError, MemoryError, RecursionError) as error:
         raise NotCompilableError from error
     return globals_[name]
