@@ -20,7 +20,7 @@ TIME_BYTES = len(TIME_TAG) + 8
 
 EXACT_TAG = wire.tag(EXACT_NUMBER, wire.DELIMITED)
 
-_MOST_SINGLE_INTEGERS = 8
+MOST_SINGLE_INTEGERS = 8
 """Of a list of doubles with more integers in it, the whole list stands in the exact text."""
 
 _LONGEST_PATH = 200
@@ -108,15 +108,15 @@ class RowEncoder:
         integers = [at for at, leaf in enumerate(found.leaves) if type(leaf) is int]
         if not integers:
             return
-        if len(integers) > _MOST_SINGLE_INTEGERS:
+        if len(integers) > MOST_SINGLE_INTEGERS:
             self.exact[place] = value
             return
         lengths = found.slot.lengths or ()
         for at in integers:
-            self.exact[_element(place, at, lengths)] = found.leaves[at]
+            self.exact[element_pointer(place, at, lengths)] = found.leaves[at]
 
 
-def _element(place: str, at: int, lengths: Sequence[int]) -> str:
+def element_pointer(place: str, at: int, lengths: Sequence[int]) -> str:
     """Return the pointer of an element of a list of lists from its place among all elements."""
     indices: list[int] = []
     for length in reversed(lengths):

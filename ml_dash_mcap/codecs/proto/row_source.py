@@ -14,7 +14,7 @@ from ...rows.plain_row import TIME_KEY, PlainRow
 from . import exact_values, wire
 from .growth import member_for
 from .layout import Kind, Layout, Member
-from .row_encoder import EXACT_TAG, TIME_TAG, encode_array, encode_list
+from .row_encoder import EXACT_TAG, MOST_SINGLE_INTEGERS, TIME_TAG, element_pointer, encode_array, encode_list
 from .value_slots import Fit, fit
 
 _MOST_UNROLLED = 64
@@ -120,10 +120,10 @@ class RowSource:
         member = (
             None if fitted_value is None else member_for(layout, key, fitted_value.slot, fitted_value.leaves or plain)
         )
-        if fitted_value is None or member is None or fitted_value.integers:
+        if fitted_value is None or member is None:
             raise NotCompilableError
         if fitted_value.slot.is_list or fitted_value.slot.kind is Kind.ARRAY:
-            return self._list(member, fitted_value, value, variable)
+            return self._list(member, fitted_value, value, variable, place)
         if fitted_value.slot.kind is Kind.DICT:
             return self._dict(member, value, variable, place)
         return self._single(member, plain, value, variable, place)
@@ -139,9 +139,12 @@ class RowSource:
         if kind.struct_code is None or kind is Kind.UINT or not _is_number(value):
             raise NotCompilableError
         if kind is Kind.DOUBLE and type(plain) is int:
-            self._tests.append(f"{-_EXACT_INTEGER} <= {variable} <= {_EXACT_INTEGER}")
-            self._exact.append((place, variable))
+            self._integer_as_double(variable, place)
         return [self.constant(member.tag), Piece(variable, kind.struct_code)]
+
+    def _integer_as_double(self, variable: str, place: str) -> None:
+        self._tests.append(f"{-_EXACT_INTEGER} <= {variable} <= {_EXACT_INTEGER}")
+        self._exact.append((place, variable))
 
     def _dict(self, member: Member, value: Any, variable: str, place: str) -> list[Piece]:
         if type(value) is not dict or {*map(type, value)} - {str}:
@@ -161,25 +164,35 @@ class RowSource:
 
     # -- lists and arrays ----------------------------------------------------------------------------------------------
 
-    def _list(self, member: Member, fitted_value: Fit, value: Any, variable: str) -> list[Piece]:
+    def _list(self, member: Member, fitted_value: Fit, value: Any, variable: str, place: str) -> list[Piece]:
+        kind = member.slot.kind
         if type(value) in (list, tuple):
-            kind = fitted_value.slot.kind
-            if kind.is_packed and kind is not Kind.UINT and fitted_value.slot == member.slot:
-                if len(fitted_value.leaves) <= _MOST_UNROLLED and not self._is_flexible:
-                    return self._unrolled(member, value, variable)
-            elif kind is Kind.DICT or fitted_value.slot != member.slot:
+            is_short = kind.is_packed and kind is not Kind.UINT and len(fitted_value.leaves) <= _MOST_UNROLLED
+            if is_short and not self._is_flexible:
+                return self._unrolled(member, fitted_value.leaves, value, variable, place)
+            if kind is Kind.DICT or fitted_value.slot != member.slot or fitted_value.integers:
                 raise NotCompilableError
             return self._as_it_comes(member, fitted_value, value, variable)
         if type(value).__module__ != "numpy" or type(value).__name__ != "ndarray" or member.slot != fitted_value.slot:
             raise NotCompilableError
         return self._array(member, value, variable)
 
-    def _unrolled(self, member: Member, value: Sequence[Any], variable: str) -> list[Piece]:
-        leaves: list[str] = []
-        self._take_apart(value, [variable], leaves)
+    def _unrolled(
+        self, member: Member, leaves: Sequence[Any], value: Sequence[Any], variable: str, place: str
+    ) -> list[Piece]:
+        names: list[str] = []
+        self._take_apart(value, [variable], names)
+        integers = 0
+        for at, (name, leaf) in enumerate(zip(names, leaves, strict=True)):
+            self._leaf(name, leaf)
+            if type(leaf) is int and member.slot.kind is Kind.DOUBLE:
+                integers += 1
+                self._integer_as_double(name, element_pointer(place, at, member.slot.lengths or ()))
+        if integers > MOST_SINGLE_INTEGERS or {*map(type, leaves)} - {float, int, bool}:
+            raise NotCompilableError
         code = member.slot.kind.struct_code or ""
-        size = struct.calcsize(f"<{len(leaves)}{code}")
-        return [self.constant(member.tag + wire.varint(size)), Piece(", ".join(leaves), f"{len(leaves)}{code}")]
+        size = struct.calcsize(f"<{len(names)}{code}")
+        return [self.constant(member.tag + wire.varint(size)), Piece(", ".join(names), f"{len(names)}{code}")]
 
     def _take_apart(self, value: Any, variables: list[str], leaves: list[str]) -> None:
         """Write the lines that put the elements of lists into variables, level by level.
@@ -201,9 +214,6 @@ class RowSource:
         if type(value[0]) in (list, tuple):
             self._take_apart(value[0], elements, leaves)
             return
-        if type(value[0]) not in (float, int, bool):
-            raise NotCompilableError
-        self._leaves.setdefault(type(value[0]), []).extend(elements)
         leaves += elements
 
     def _as_it_comes(self, member: Member, fitted_value: Fit, value: Any, variable: str) -> list[Piece]:
@@ -284,10 +294,11 @@ class RowSource:
 
     def statements(self) -> list[str]:
         """Return the statements that look at a row's types, and prepare the values for the expressions."""
-        tests = list(self._tests)
+        types: list[str] = []
         for at, (kind, variables) in enumerate(self._leaves.items()):
             self.names[f"_t{at}"] = kind
-            tests.append(f"{' is '.join(f'type({name})' for name in variables)} is _t{at}")
+            types.append(f"{' is '.join(f'type({name})' for name in variables)} is _t{at}")
+        tests = [*types, *self._tests]  # what an array does with a comparison, nobody asks
         test = [f"if not ({' and '.join(tests)}): {self._give_up}"] if tests else []
         return [*self._lines, *test, *self._late_lines]
 

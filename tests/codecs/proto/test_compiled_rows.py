@@ -122,3 +122,12 @@ def test_lists_and_arrays_of_any_length_can_be_compiled_together() -> None:
     layout = wide(first, second)
     assert compile_row(layout, first)(second) is None
     assert compile_row(layout, first, is_flexible=True)(second) == slow(layout, second)
+
+
+def test_integers_among_doubles_at_the_same_places_are_compiled() -> None:
+    first = {"quat": [0.5, 0, 0, 1.0], "m": [[1, 0.5], [0.5, 2]], "zero": [0, 0, 0], "_ts": 1.0}
+    second = {"quat": [0.1, 7, -2, 0.3], "m": [[5, 1.5], [2.5, 6]], "zero": [1, 2, 3], "_ts": 2.0}
+    layout = wide({"zero": [0.5], "_ts": 0.0}, first, second)
+    encode = compile_row(layout, first)
+    assert encode(second) == slow(layout, second)
+    assert encode({**second, "quat": [0, 0.5, 0.5, 0.5]}) is None
