@@ -16,7 +16,7 @@ import numpy.typing as npt
 from ..codecs.codec import Codec
 from ..mcap.message_records import MESSAGE_HEAD_BYTES
 from ..mcap.record_layout import PREFIX_BYTES
-from ..mcap.row_arrays import Bytes, Numbers, Rows
+from ..mcap.row_arrays import Bytes, Numbers, Rows, are_of
 from .disjoint_rows import KeysOf, are_disjoint
 from .same_time import Flags, Groups
 
@@ -61,7 +61,7 @@ def _cuts(rows: Rows, groups: Groups, codecs: Mapping[int, Codec]) -> tuple[Numb
     for codec, numbers in by_encoding.values():
         if codec.opening_bytes is None:
             continue
-        which = np.flatnonzero(np.isin(channels, numbers))
+        which = np.flatnonzero(are_of(channels, numbers))
         members = groups.members[which]
         at = codec.cuts(rows.data, rows.starts[members] + MESSAGE_HEAD_BYTES, rows.ends[members])
         if at is not None:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..codecs.codec import LONG_ROW_BYTES, UNKNOWN_FORM, BlockForms
-from ..mcap.row_arrays import Rows, taken
+from ..mcap.row_arrays import Rows, are_of, taken
 from ..rows.shape import Shape
 from .channels import ChannelInfo
 from .fallbacks import Fallbacks
@@ -56,7 +56,7 @@ class RowForms:
     def of_block(self, rows: Rows) -> Forms:
         """Return the form of each row of a block, and widen the shapes of channels that have rows of a new form."""
         inferred = [number for number, info in list(self._channels.items()) if info.is_inferred]
-        is_inferred = np.isin(rows.channels, inferred)
+        is_inferred = are_of(rows.channels, inferred)
         try:
             for forms in self._forms.values():
                 forms.forget() if forms.size > _REMEMBERED_BYTES else forms.begin_block()
@@ -104,13 +104,13 @@ class RowForms:
         """Return the forms of each encoding of some rows, with the numbers of the rows that have it."""
         numbers: dict[int, list[int]] = {}
         by_id: dict[int, BlockForms] = {}
-        for number in np.unique(rows.channels[which]).tolist():
+        for number in np.flatnonzero(np.bincount(rows.channels[which])).tolist():
             forms = self._of(number)
             by_id[id(forms)] = forms
             numbers.setdefault(id(forms), []).append(number)
         if len(by_id) == 1:
             return [(forms, which) for forms in by_id.values()]
-        return [(by_id[key], which[np.isin(rows.channels[which], ids)]) for key, ids in numbers.items()]
+        return [(by_id[key], which[are_of(rows.channels[which], ids)]) for key, ids in numbers.items()]
 
     def _of(self, number: int) -> BlockForms:
         codec = self._channels[number].codec

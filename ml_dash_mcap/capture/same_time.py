@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from ..mcap.row_arrays import Rows
+from ..mcap.row_arrays import Rows, are_of
 
 Places = npt.NDArray[np.intp]
 Flags = npt.NDArray[np.bool_]
@@ -73,7 +73,7 @@ def groups_of(rows: Rows, channels: Collection[int]) -> Groups:
     is_like_previous[:1] = False
     if not is_like_previous.any():
         return NO_GROUPS
-    is_like_previous &= np.isin(sorted_channels, list(channels))
+    is_like_previous &= are_of(sorted_channels, channels)
     is_like_next = np.append(is_like_previous[1:], False)
     is_member = is_like_previous | is_like_next
     return Groups(order[is_member], np.flatnonzero(~is_like_previous[is_member]))

@@ -8,9 +8,7 @@ decoded each time.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,9 +22,8 @@ from ..rows.shape import Shape
 from ..rows.value_shapes import Opaque, of_value
 from . import json_outline
 from .codec import UNKNOWN_FORM
-
-Bytes = npt.NDArray[np.uint8]
-Offsets = npt.NDArray[np.int64]
+from .json_bones import Bones, Offsets
+from .json_expected_rows import HISTORY_ROWS, ExpectedRows, Seen
 
 _LONG = 4096
 """A skeleton is long from this many bytes. Free text and base64 make a new long one each row, so few are remembered."""
@@ -52,8 +49,6 @@ _NO_ITEMS = b"[]"
 _FORM_BYTES, _KEY_BYTES = 400, 60
 """About how many bytes a form or a skeleton takes besides its text, and how many a form takes for each key."""
 
-_QUOTE, _MINUS, _ZERO, _NINE, _COLON, _BACKSLASH, _E = (ord(character) for character in '"-09:\\e')
-
 
 @dataclass(frozen=True, slots=True)
 class Form:
@@ -78,8 +73,8 @@ class Skeletons:
     def __init__(self) -> None:
         self._rows = TopicShape()
         self.forms: list[Form] = []
-        self.latest: tuple[bytes, int] | None = None
-        """A skeleton that was seen lately, and its form."""
+        self.expected = ExpectedRows()
+        """The next rows, if they go on as they did lately."""
         self.size = 0
         """How much is remembered, in bytes, about."""
         self._form_of_skeleton: dict[bytes, int] = {}
@@ -100,7 +95,7 @@ class Skeletons:
     def forget(self) -> None:
         """Forget all but the shape."""
         self.forms, self._form_of_skeleton, self._numbers = [], {}, {}
-        self.latest = None
+        self.expected = ExpectedRows()
         self.size = self._long = 0
 
     def learn(self, payload: bytes, skeleton: bytes = _NO_ITEMS) -> int:
@@ -145,7 +140,16 @@ class Skeletons:
         for same in np.split(order, edges):
             length = int(lengths[same[0]]) if len(same) else 0
             self._classify_length(bones, rows[same], starts[same], length, forms, same)
+        if len(rows):
+            last = slice(-HISTORY_ROWS, None)
+            self.expected.learn(
+                list(map(self._seen, map(bones.skeleton, starts[last].tolist(), lengths[last].tolist())))
+            )
         return forms
+
+    def _seen(self, skeleton: bytes) -> Seen | None:
+        form = self._form_of_skeleton.get(skeleton)
+        return None if form is None else (skeleton, form)
 
     def _classify_length(
         self, bones: Bones, rows: Offsets, starts: Offsets, length: int, forms: npt.NDArray[np.int32], at: Offsets
@@ -175,183 +179,16 @@ class Skeletons:
         form = self._form_of_skeleton.get(skeleton)
         if form is None or (self.forms[form].integers and bones.has_exponent(np.array([row]))[0]):
             form = self.learn(bones.payload(row), skeleton)
-            if form == UNKNOWN_FORM or not self.forms[form].certain or not self._remember(skeleton, form):
-                return form
-        self.latest = (skeleton, form)
+            if form != UNKNOWN_FORM and self.forms[form].certain:
+                self._remember(skeleton, form)
         return form
 
-    def _remember(self, skeleton: bytes, form: int) -> bool:
-        """Remember a skeleton, unless too many long ones are; returns whether it is."""
+    def _remember(self, skeleton: bytes, form: int) -> None:
+        """Remember a skeleton, unless too many long ones are."""
         if skeleton not in self._form_of_skeleton:
             if len(skeleton) >= _LONG:
                 self._long += 1
                 if self._long > _MOST_LONG:
-                    return False
+                    return
             self.size += len(skeleton) + _FORM_BYTES
         self._form_of_skeleton[skeleton] = form
-        return True
-
-
-def guess(
-    bones: Bones, channels: npt.NDArray[np.int64], of_channel: Mapping[int, Skeletons]
-) -> npt.NDArray[np.int32] | None:
-    """Find the form of each row of a block if all topics go on as they did lately, which is cheap to see.
-
-    Args:
-        bones: Of the block.
-        channels: The channel id of each row, [N].
-        of_channel: The skeletons of each topic.
-
-    Returns:
-        The form of each row, [N]: its index in its topic's `forms`. None if some row is not as expected.
-    """
-    latest = {number: skeletons.latest for number, skeletons in of_channel.items() if skeletons.latest is not None}
-    numbers = channels.tolist()
-    if not latest.keys() >= set(numbers):
-        return None
-    texts = {number: text for number, (text, _) in latest.items()}
-    counts = np.bincount(channels).tolist()
-    if sum(len(text) * counts[number] for number, text in texts.items() if number < len(counts)) != len(bones.kept):
-        return None  # so that no more is joined than the block holds
-    if b"".join([texts[number] for number in numbers]) != bones.kept.tobytes():
-        return None
-    if any(of_channel[number].forms[form].integers for number, (_, form) in latest.items()) and bones.has_exponents:
-        return None
-    forms = np.full(max(latest) + 1, -1, np.int32)
-    for number, (_, form) in latest.items():
-        forms[number] = form
-    return forms[channels]
-
-
-class Bones:
-    """The bytes of a block with its rows, reduced to skeletons once for all topics."""
-
-    def __init__(self, data: Bytes, starts: Offsets, ends: Offsets, head: int) -> None:
-        """Reduce a block.
-
-        Args:
-            data: Its bytes.
-            starts: Where the encoded rows start, [N].
-            ends: Where they end, [N].
-            head: How many bytes before each row are none of its text.
-        """
-        self._data = data
-        self._row_starts = starts
-        self._row_ends = ends
-        keep = (data - np.uint8(_ZERO)) > _NINE - _ZERO  # no digit: bytes below "0" wrap around to large numbers
-        keep &= data != _MINUS
-        keep[(starts - head)[:, None] + np.arange(head)] = False
-        at, kept = _without_exponents(data, np.flatnonzero(keep))
-        spared = _spared(len(data), _cut_keys(at, kept), _rows_with_backslash(at, kept, starts, ends))
-        if spared is not None:
-            keep |= spared
-            # An offset takes 8 bytes for each byte of the block, so the old ones go first.
-            del at, kept
-            at, kept = _without_exponents(data, np.flatnonzero(keep), spared)
-        self.kept = kept
-        self._at = at
-
-    @cached_property
-    def starts(self) -> Offsets:
-        """Where in `kept` the skeleton of each row starts, [N]."""
-        return np.searchsorted(self._at, self._row_starts)
-
-    @cached_property
-    def lengths(self) -> Offsets:
-        """How long the skeleton of each row is, [N]."""
-        return np.searchsorted(self._at, self._row_ends) - self.starts
-
-    def payload(self, row: int) -> bytes:
-        """Return the encoded row."""
-        return self._data[self._row_starts[row] : self._row_ends[row]].tobytes()
-
-    def skeleton(self, start: int, length: int) -> bytes:
-        """Return one skeleton."""
-        return self.kept[start : start + length].tobytes()
-
-    def are(self, starts: Offsets, skeleton: bytes) -> npt.NDArray[np.bool_]:
-        """Tell which of the skeletons of one length that start there are a given one, [N]."""
-        if not skeleton:
-            return np.ones(len(starts), np.bool_)
-        # A view: only the windows that are picked are copied.
-        every = np.lib.stride_tricks.sliding_window_view(self.kept, len(skeleton))
-        return np.asarray((every[starts] == np.frombuffer(skeleton, np.uint8)).all(axis=1))
-
-    @cached_property
-    def _exponents(self) -> Offsets:
-        at = np.flatnonzero(self._data == _E)
-        before = self._data[at - 1]
-        return at[(before >= _ZERO) & (before <= _NINE)]
-
-    @property
-    def has_exponents(self) -> bool:
-        """Whether any row has a digit followed by an `e`."""
-        return len(self._exponents) > 0
-
-    def has_exponent(self, rows: Offsets) -> npt.NDArray[np.bool_]:
-        """Whether a row has a digit followed by an `e`: an exponent, or text that looks like one."""
-        low = np.searchsorted(self._exponents, self._row_starts[rows])
-        return np.asarray(np.searchsorted(self._exponents, self._row_ends[rows]) > low)
-
-
-def _without_exponents(data: Bytes, at: Offsets, spared: npt.NDArray[np.bool_] | None = None) -> tuple[Offsets, Bytes]:
-    """Leave out each `e` behind a digit.
-
-    Args:
-        data: The block.
-        at: Where in it the bytes lie that are kept.
-        spared: Which bytes of the block stay nevertheless.
-
-    Returns:
-        Where the bytes lie that are left, and these.
-    """
-    kept = data[at]
-    exponents = np.flatnonzero(kept == _E)
-    before = data[at[exponents] - 1] - np.uint8(_ZERO)
-    exponents = exponents[before <= _NINE - _ZERO]
-    if spared is not None and len(exponents):
-        exponents = exponents[~spared[at[exponents]]]
-    if not len(exponents):
-        return at, kept
-    stays = np.ones(len(at), np.bool_)
-    stays[exponents] = False
-    return at[stays], kept[stays]
-
-
-Spans = tuple[Offsets, Offsets]
-"""The first and the last byte of each, [N]; those of one call do not overlap."""
-
-
-def _cut_keys(at: Offsets, kept: Bytes) -> Spans:
-    """Return the places of keys that have lost digits, because `q1` and `q2` are different keys.
-
-    Args:
-        at: Where in the block the bytes lie that are kept.
-        kept: These.
-    """
-    quotes = np.flatnonzero(kept == _QUOTE)
-    quotes = quotes[: np.searchsorted(quotes, len(kept) - 1)]
-    closing = np.flatnonzero(kept[quotes + 1] == _COLON)
-    closing = closing[closing > 0]
-    first, last = quotes[closing - 1], quotes[closing]
-    lost = at[last] - at[first] != last - first
-    return at[first[lost]], at[last[lost]]
-
-
-def _rows_with_backslash(at: Offsets, kept: Bytes, starts: Offsets, ends: Offsets) -> Spans:
-    """Return the places of rows in which a quote may be part of a text. All bytes of these rows are kept."""
-    backslashes = at[np.flatnonzero(kept == _BACKSLASH)]
-    rows = np.unique(np.searchsorted(starts, backslashes, side="right") - 1)
-    return starts[rows], ends[rows] - 1
-
-
-def _spared(size: int, *spans: Spans) -> npt.NDArray[np.bool_] | None:
-    """Tell which of so many bytes lie in any of some spans; None if there are none."""
-    if not any(len(firsts) for firsts, _ in spans):
-        return None
-    steps = np.zeros(size + 1, np.int8)
-    for firsts, lasts in spans:
-        # np.add.at, because several spans may begin at one byte, which `steps[firsts] += 1` would count once.
-        np.add.at(steps, firsts, 1)
-        np.subtract.at(steps, lasts + 1, 1)
-    return np.asarray(np.cumsum(steps[:-1], dtype=np.int8) > 0)

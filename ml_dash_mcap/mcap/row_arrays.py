@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 
 from .message_records import MESSAGE_HEAD, MESSAGE_HEAD_BYTES, message
 from .record_layout import PREFIX_BYTES
@@ -64,15 +66,27 @@ class Rows:
 
     def sequences(self, which: npt.NDArray[np.intp]) -> npt.NDArray[np.uint32]:
         """Return the sequence numbers of some rows, [n]."""
-        # Numbers in records lie at any byte. Indexing with a matrix of bytes makes an aligned copy that can be viewed.
-        at = (self.starts[which] + _SEQUENCE_AT)[:, None] + np.arange(4)
-        numbers: npt.NDArray[np.uint32] = self.data[at].view("<u4").ravel()
+        # Numbers in records lie at any byte. Windows that are picked are an aligned copy, which can be viewed.
+        windows = sliding_window_view(self.data, 4)[self.starts[which] + _SEQUENCE_AT]
+        numbers: npt.NDArray[np.uint32] = windows.view("<u4").ravel()
         return numbers
 
     def number(self, sequence: npt.NDArray[np.uint32]) -> None:
         """Write a sequence number into each record, in place."""
-        at = (self.starts + _SEQUENCE_AT)[:, None] + np.arange(4)
-        self.data[at] = sequence.astype("<u4").view(np.uint8).reshape(-1, 4)
+        numbers = sliding_window_view(self.data, 4, writeable=True)
+        numbers[self.starts + _SEQUENCE_AT] = sequence.astype("<u4").view(np.uint8).reshape(-1, 4)
+
+
+def are_of(channels: Numbers, numbers: Iterable[int]) -> npt.NDArray[np.bool_]:
+    """Tell which rows are of one of some channels, [N]. It takes a fifth of the time of `np.isin`.
+
+    Args:
+        channels: The channel id of each row, [N].
+        numbers: Channel ids.
+    """
+    is_wanted = np.zeros(int(channels.max(initial=0)) + 1, np.bool_)
+    is_wanted[[number for number in numbers if number < len(is_wanted)]] = True
+    return is_wanted[channels]
 
 
 def by_channel(rows: Rows) -> list[tuple[int, npt.NDArray[np.intp]]]:
@@ -90,12 +104,16 @@ def pack(block: SealedBuffer) -> Rows:
     for gap_begin, gap_end in block.gaps:
         # A pass over all rows for each gap: gaps are few, since they come from opened topics and metadata.
         moved[starts >= gap_end] -= gap_end - gap_begin
-        runs.append(block.data[begin:gap_begin])
+        if gap_begin > begin:
+            runs.append(block.data[begin:gap_begin])
         begin = gap_end
-    runs.append(block.data[begin : block.end])
+    if block.end > begin or not runs:
+        runs.append(block.data[begin : block.end])
+    # Topics that are opened first lie before all rows, so that the first block of most recorders is not copied either.
     data = runs[0] if len(runs) == 1 else np.concatenate(runs)
-    # All heads at once, as a matrix of bytes that is viewed as heads.
-    heads = data[moved[:, None] + np.arange(MESSAGE_HEAD_BYTES)].view(MESSAGE_HEAD).ravel()
+    # All heads at once, as a matrix of bytes that is viewed as heads. Picking windows takes half of the time that an
+    # index of each byte takes.
+    heads = sliding_window_view(data, MESSAGE_HEAD_BYTES)[moved].view(MESSAGE_HEAD).ravel()
     return Rows(
         data,
         moved,
@@ -111,6 +129,8 @@ def split(rows: Rows, own_bytes: int) -> list[Rows]:
 
     They are copied, unless all stay together. `uniform` is not kept.
     """
+    if (rows.channels == rows.channels[0]).all():
+        return [rows]
     sizes = np.bincount(rows.channels, weights=rows.ends - rows.starts)
     heavy = np.flatnonzero(sizes >= own_bytes)
     others = np.flatnonzero(~np.isin(rows.channels, heavy)) if len(heavy) else rows.channels[:0]
@@ -118,6 +138,29 @@ def split(rows: Rows, own_bytes: int) -> list[Rows]:
         return [rows]
     parts = [taken(rows, np.flatnonzero(rows.channels == channel)) for channel in heavy]
     return [*parts, taken(rows, others)] if len(others) else parts
+
+
+def slices(rows: Rows, size: int) -> Iterator[tuple[int, int]]:
+    """Yield the first and the last number, exclusive, of rows that follow each other and have at most `size` bytes.
+
+    A row that has more is by itself.
+    """
+    edges = np.searchsorted(rows.ends, np.arange(size, len(rows.data) + size, size), side="right").tolist()
+    yield from pairwise(dict.fromkeys([0, *edges, len(rows)]))
+
+
+def sliced(rows: Rows, first: int, last: int) -> Rows:
+    """Return some rows that follow each other, over the same bytes. `uniform` is not kept.
+
+    Args:
+        rows: These and others.
+        first: The number of the first row.
+        last: The number after the last row.
+    """
+    begin, end = rows.starts[first], rows.ends[last - 1]
+    part = slice(first, last)
+    starts, ends = rows.starts[part] - begin, rows.ends[part] - begin
+    return Rows(rows.data[begin:end], starts, ends, rows.channels[part], rows.times[part])
 
 
 def taken(rows: Rows, which: npt.NDArray[np.intp]) -> Rows:

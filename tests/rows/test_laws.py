@@ -15,7 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap import Recorder, clock
-from ml_dash_mcap.codecs.json_skeleton import Bones, Skeletons, guess
+from ml_dash_mcap.codecs.json_bones import Bones
+from ml_dash_mcap.codecs.json_guess import guess
+from ml_dash_mcap.codecs.json_skeleton import Skeletons
 from ml_dash_mcap.rows.json_text import exact, restore
 from ml_dash_mcap.rows.schema import to_json
 from ml_dash_mcap.rows.value_shapes import of_values
