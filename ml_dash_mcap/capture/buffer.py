@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import mmap
 import os
+import time
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ class Buffer:
     """Appending threads fill a buffer under the journal's lock. Once it is sealed, only the writer thread uses it."""
 
     __slots__ = (
+        "begun_s",
         "end",
         "gaps",
         "has_extras",
@@ -53,6 +55,8 @@ class Buffer:
         """The last offset that a record may end at; the byte there stays 0. Below 0: nothing is taken."""
         self.is_sealed = False
         """Whether a large buffer has been handed to the writer."""
+        self.begun_s = 0.0
+        """When its first row could come, by the monotonic clock."""
         self.end = 0
         """Where the next record goes."""
         self.prologue = 0
@@ -71,6 +75,7 @@ class Buffer:
     def begin(self, prologue: bytes) -> None:
         """Make an empty buffer the start of an MCAP file."""
         # The first byte of the magic goes last: a recovery passes over a buffer that does not begin with the magic.
+        self.begun_s = time.monotonic()
         self.map[1 : len(prologue)] = prologue[1:]
         self.map[0] = prologue[0]
         self.end = self.prologue = len(prologue)

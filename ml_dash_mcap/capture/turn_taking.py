@@ -3,7 +3,7 @@
 A thread that appends without a pause holds the interpreter lock all the time. The writer has to ask for the lock, and
 gets it after the switch interval, 5 ms, each time, while the appender stands still for a moment. So the two take turns.
 An appender that has filled a buffer stands back until the writer compresses, which needs no interpreter. A writer that
-has compressed waits until the appender stands back again.
+has compressed waits until the appender stands back again. While the writer waits for the disk to sync, nobody waits.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _FULL_SPEED_ROWS_PER_S = 50_000
 _LONGEST_TURN_S = 0.05
 _POLL_S = 0.00025
 _FAR_AHEAD = 2
-"""Sealed buffers that wait for the writer when an appender stands back although it compresses."""
+"""Sealed buffers that wait for the writer when an appender stands back although the writer is away."""
 
 
 class State(Enum):
@@ -30,7 +30,8 @@ class State(Enum):
     """It waits for a buffer."""
     RUNNING = auto()
     """It needs the interpreter."""
-    COMPRESSING = auto()
+    AWAY = auto()
+    """It compresses or waits for the disk, and needs no interpreter."""
 
 
 class Turns:
@@ -46,6 +47,8 @@ class Turns:
         self.is_hurried = False
         """Whether somebody waits for the writer; the writer clears this when nothing is left to do."""
         self._standing_back = 0
+        self._stood_back_s = 0.0
+        """How long the last one stood back."""
         self._full_speed_until_s = 0.0
         self._last_s = clock()
         self._last_rows = 0
@@ -68,15 +71,19 @@ class Turns:
         self._standing_back += 1
         try:
             self._wake.put(None)
+            # Each look takes the interpreter from the writer, so there is none for half of the time that it takes.
+            pause_s = max(_POLL_S, min(self._stood_back_s, _LONGEST_TURN_S) / 2)
             while not self._is_my_turn(waiting()) and self._clock() < begun_s + _LONGEST_TURN_S:
-                time.sleep(_POLL_S)
+                time.sleep(pause_s)
+                pause_s = _POLL_S
         finally:
             self._standing_back -= 1
             self._last_s = self._clock()
+            self._stood_back_s = self._last_s - begun_s
             self._full_speed_until_s = self._last_s + 2 * took_s
 
     def _is_my_turn(self, waiting: int) -> bool:
-        if self.writer is State.COMPRESSING:
+        if self.writer is State.AWAY:
             return waiting < _FAR_AHEAD
         return self.writer is State.RESTING and not waiting
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import logging
 import threading
@@ -14,6 +15,7 @@ from ..mcap.chunk_writer import Compressed, Compressor
 from .buffer import Buffer
 from .journal import Journal
 from .prepare_block import BlockPreparer
+from .rehearsal import rehearse, touch_memory
 from .segment_sink import SegmentSink
 from .sink_threads import SinkThreads
 from .turn_taking import State, Turns
@@ -46,7 +48,7 @@ class _Alongside:
         self._turns = turns
 
     def __call__(self, block: memoryview) -> Compressed:
-        self._turns.writer = State.COMPRESSING
+        self._turns.writer = State.AWAY
         try:
             return self._compress(block)
         finally:
@@ -76,6 +78,9 @@ class Writer:
         self._give_up_at = float("inf")
         self._last_sync = self._last_seal = time.monotonic()
         segments.compress = _Alongside(segments.compress, journal.turns)
+        # On this thread: beside a loop that never rests, imports would wait for the interpreter a hundred times.
+        with contextlib.suppress(Exception):
+            rehearse(journal.options.encoding)
         # A daemon: at exit Python first waits for all other threads, and only then closes a recorder that is still
         # open. This thread would wait for that close.
         self._thread = threading.Thread(target=self._run, name="ml_dash_mcap writer", daemon=True)
@@ -134,6 +139,7 @@ class Writer:
 
     def _run(self) -> None:
         self._journal.writer_ident = threading.get_ident()
+        touch_memory()
         try:
             while self._step():
                 pass
@@ -165,9 +171,16 @@ class Writer:
 
     def _tick(self) -> None:
         """Seal the active buffer so that its rows are written, and sync the file when its interval is over."""
-        now = self._last_seal = time.monotonic()
+        now = time.monotonic()
         self._journal.tracks_clock.look(self._journal.last_s)
-        self._journal.seal_within(_LOCK_PATIENCE_S)
+        begun_s = self._journal.active.begun_s
+        if begun_s > self._last_seal:
+            # The buffer before was full, so that this one has younger rows only. A second block right behind the full
+            # one would have a thread that appends at full speed wait for both.
+            self._last_seal = begun_s
+        else:
+            self._journal.seal_within(_LOCK_PATIENCE_S)
+            self._last_seal = time.monotonic()
         interval = self._journal.options.sync_interval_s
         # Up to half a tick early, rather than nearly a whole tick late.
         if interval and now - self._last_sync >= interval - self._tick_s() / 2:
@@ -179,7 +192,8 @@ class Writer:
         return min(options.flush_interval_s, options.sync_interval_s or float("inf"))
 
     def _tick_at(self) -> float:
-        return self._last_seal + self._tick_s()
+        sync_at = self._last_sync + (self._journal.options.sync_interval_s or float("inf"))
+        return min(self._last_seal + self._tick_s(), sync_at)
 
     def _write(self, buffer: Buffer) -> None:
         self._write_block(buffer)
@@ -196,11 +210,14 @@ class Writer:
         self._sinks.offer(prepared)
 
     def _sync(self) -> None:
+        self._journal.turns.writer = State.AWAY
         try:
             self._segments.sync()
         except OSError as error:  # a failed sync may have lost data, and a second one could falsely succeed
             _log.error("syncing %s failed: %s; the recording goes on in a new segment", self._segments.folder, error)
             self._segments.set_aside()
+        finally:
+            self._journal.turns.writer = State.RUNNING
 
     def _persist(self, write: Callable[[], T]) -> T:
         """Repeat a write while the disk refuses it or memory is short. The backlog grows meanwhile."""

@@ -29,7 +29,7 @@ def compressing_at_call(number: int, turns: Turns, behind: int = 0) -> Callable[
 
     def waiting() -> int:
         if next(calls) == number:
-            turns.writer = State.COMPRESSING
+            turns.writer = State.AWAY
         return behind
 
     waiting.calls = calls  # type: ignore[attr-defined]
@@ -63,7 +63,7 @@ def test_it_stands_back_no_longer_than_a_turn() -> None:
 
 def test_a_writer_that_is_far_behind_gets_more_than_its_turn() -> None:
     turns = Turns(Clock())
-    turns.writer = State.COMPRESSING
+    turns.writer = State.AWAY
     behind = iter([3, 2, 1])
     turns.stand_back(2000, lambda: next(behind))
     assert next(behind, None) is None
@@ -71,7 +71,7 @@ def test_a_writer_that_is_far_behind_gets_more_than_its_turn() -> None:
 
 def test_the_writer_waits_until_the_appender_stands_back() -> None:
     turns = Turns(Clock())
-    turns.writer = State.COMPRESSING
+    turns.writer = State.AWAY
     turns.stand_back(2000, lambda: 0)
     turns.stand_back(4000, lambda: 0)
     writer = threading.Thread(target=turns.compressed)
@@ -83,7 +83,7 @@ def test_the_writer_waits_until_the_appender_stands_back() -> None:
         return 0
 
     clock_of(turns).now_s += 0.01
-    turns.stand_back(6000, lambda: 0 if turns.writer is State.COMPRESSING else 1)
+    turns.stand_back(6000, lambda: 0 if turns.writer is State.AWAY else 1)
     writer.start()
     clock_of(turns).now_s += 0.01
     turns.stand_back(8000, waiting)
@@ -91,7 +91,7 @@ def test_the_writer_waits_until_the_appender_stands_back() -> None:
 
 def test_who_waits_for_the_writer_hurries_it() -> None:
     turns = Turns(Clock())
-    turns.writer = State.COMPRESSING
+    turns.writer = State.AWAY
     clock_of(turns).now_s += 0.01
     turns.stand_back(2000, lambda: 0)
     writer = threading.Thread(target=turns.compressed)
@@ -103,7 +103,7 @@ def test_who_waits_for_the_writer_hurries_it() -> None:
 
 def test_the_writer_waits_for_nobody_once_the_appender_has_stopped() -> None:
     turns = Turns(Clock())
-    turns.writer = State.COMPRESSING
+    turns.writer = State.AWAY
     clock_of(turns).now_s += 0.01
     turns.stand_back(2000, lambda: 0)
     clock_of(turns).now_s += 1.0
