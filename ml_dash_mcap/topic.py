@@ -254,7 +254,7 @@ class Topic:
         Example:
             >>> recorder.topic("tool").append_message(PoseInFrame(frame_id="base"), _ts=1.5)
         """
-        time_s = self._time(_ts)
+        time_s = _ts if _ts.__class__ is float and 0.0 < _ts < _END_S else self._time(_ts)
         if self._choice.channel.schema is None:
             give_schema(self, schema_of_message(message, self.name))
         codec = self._codec

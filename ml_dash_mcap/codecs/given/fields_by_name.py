@@ -12,6 +12,7 @@ from google.protobuf.message import Message
 
 from ...rows import foreign_values
 from ...suggestions import hint
+from ..proto import wire
 from ..protobuf_messages import is_repeated
 from . import known_messages, scalar_values
 from .unfit_values import UnfitValueError, shown, takes
@@ -21,6 +22,9 @@ Setter = Callable[[Message, Any, int], None]
 
 _MOST_LEVELS = 100
 """So many messages may lie in each other: readers of protobuf refuse more."""
+
+_BULK = 64
+"""Arrays of more elements than this become fields without a list between."""
 
 
 class FieldsByName:
@@ -84,8 +88,16 @@ def _setter(field: FieldDescriptor, others: dict[str, FieldsByName]) -> Setter:
 def _scalar_setter(field: FieldDescriptor) -> Setter:
     name, convert = field.name, scalar_values.converter(field)
     may_be_absent = bool(field.has_presence)
+    plain_type = scalar_values.plain_type(field)
 
     def set_scalar(message: Message, value: Any, depth: int) -> None:
+        if value.__class__ is plain_type:
+            try:
+                setattr(message, name, value)
+                return
+            except (TypeError, ValueError):  # out of range, or no Unicode: the converter says so better
+                convert(value)
+                raise
         if value is None:
             if not may_be_absent:  # a reader would see 0 or an empty text
                 raise UnfitValueError(f"takes a {scalar_values.type_name(field)} and has no null; leave it out")
@@ -148,24 +160,28 @@ def _copy(target: Message, value: Message) -> None:
 def _repeated_setter(field: FieldDescriptor) -> Setter:
     name, convert, are_fitting = field.name, scalar_values.converter(field), scalar_values.array_check(field)
     what = f"a list of {scalar_values.type_name(field)} values"
-    plain_types = _PLAIN_TYPES.get(field.cpp_type, frozenset())
+    wire_dtype = scalar_values.wire_dtype(field)
+    plain_types = {scalar_values.plain_type(field)} if field.cpp_type in _ALWAYS_FIT else set()
 
     def set_values(message: Message, value: Any, depth: int) -> None:
         values = _listed(value, what)
-        if not isinstance(values, list):
-            is_fitting, values = are_fitting(values), values.tolist()
-        else:
+        if isinstance(values, list):
             is_fitting = bool(plain_types) and set(map(type, values)) <= plain_types
+        elif not are_fitting(values):
+            is_fitting, values = False, values.tolist()
+        elif wire_dtype is not None and len(values) > _BULK:
+            # The same values as bytes: a third of the time for a long array.
+            message.MergeFromString(wire.delimited(field.number, values.astype(wire_dtype).tobytes()))
+            return
+        else:
+            is_fitting, values = True, values.tolist()
         getattr(message, name).extend(values if is_fitting else _converted(values, convert))
 
     return set_values
 
 
-_PLAIN_TYPES = {
-    FieldDescriptor.CPPTYPE_DOUBLE: frozenset({float}),
-    FieldDescriptor.CPPTYPE_BOOL: frozenset({bool}),
-}
-"""Python's types of which every value fits the fields of a type."""
+_ALWAYS_FIT = (FieldDescriptor.CPPTYPE_DOUBLE, FieldDescriptor.CPPTYPE_BOOL)
+"""Types of which every value of the plain type fits."""
 
 
 def _converted(values: Any, convert: Callable[[Any], Any]) -> list[Any]:

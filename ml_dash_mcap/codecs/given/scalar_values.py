@@ -51,6 +51,21 @@ def converter(field: FieldDescriptor) -> Convert:
     return _bytes if field.type == FieldDescriptor.TYPE_BYTES else _text
 
 
+def plain_type(field: FieldDescriptor) -> type | None:
+    """Return the type of Python whose values protobuf itself checks for a field; None where it does not."""
+    kind = field.cpp_type
+    if kind in _BITS:
+        return int
+    if kind == FieldDescriptor.CPPTYPE_STRING:
+        return bytes if field.type == FieldDescriptor.TYPE_BYTES else str
+    return {FieldDescriptor.CPPTYPE_DOUBLE: float, FieldDescriptor.CPPTYPE_BOOL: bool}.get(kind)
+
+
+def wire_dtype(field: FieldDescriptor) -> str | None:
+    """Return the type of numpy whose bytes a packed field has; None where it has others."""
+    return _WIRE_DTYPES.get(_NAMES.get(field.type, ""))
+
+
 def array_check(field: FieldDescriptor) -> Callable[[Any], bool]:
     """Return the function that tells whether all of an array of numpy, [N], fits a repeated field.
 
@@ -200,4 +215,13 @@ _NAMES = {
         *("double", "float", "int32", "int64", "uint32", "uint64", "sint32", "sint64"),
         *("fixed32", "fixed64", "sfixed32", "sfixed64", "bool", "string", "bytes"),
     )
+}
+
+_WIRE_DTYPES = {
+    "double": "<f8",
+    "float": "<f4",
+    "fixed32": "<u4",
+    "fixed64": "<u8",
+    "sfixed32": "<i4",
+    "sfixed64": "<i8",
 }
