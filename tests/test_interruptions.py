@@ -240,7 +240,7 @@ def test_a_handler_may_append_while_the_backlog_is_full(tmp_path: Path) -> None:
 
 
 def test_a_handler_may_open_a_topic_while_one_is_opened(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path, SMALL)
+    recorder = Recorder(tmp_path, RecorderOptions(chunk_bytes=4 * 65536))  # which hundreds of topics fit into
     names = (f"t{number}" for number in itertools.count())
 
     def through() -> None:

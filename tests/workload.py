@@ -28,8 +28,8 @@ OPTIONS: dict[str, Any] = {"chunk_bytes": 65536, "backlog_bytes": 4 * 65536, "fl
 
 
 def encoding_of(seed: int) -> str:
-    """What tracks are encoded in: every second recording in CBOR."""
-    return ("json", "cbor")[seed % 2]
+    """What tracks are encoded in: every third recording in CBOR or protobuf."""
+    return ("json", "cbor", "protobuf")[seed % 3]
 
 
 def arm(number: int) -> Row:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from ..errors import FieldError, StorageError, TopicError
+from ..errors import BacklogFullError, FieldError, StorageError, TopicError
 from ..options import RecorderOptions
 from .buffer import Buffer
 from .buffer_ring import BufferRing
@@ -22,6 +22,10 @@ from .tracks_clock import TracksClock
 
 _ROOM_BESIDES = 512
 """Bytes of a buffer that the prologue takes besides the topics."""
+
+
+class _TooLargeError(Exception):
+    """A record fits into no buffer, because the topics take more of each than when its length was looked at."""
 
 
 class Journal(BufferRing):
@@ -45,6 +49,8 @@ class Journal(BufferRing):
         self._large_taken = self._large_given_back = 0
         self._definitions: dict[int, tuple[bytes, bytes]] = {}
         """The Schema and the Channel record of each topic."""
+        self._changes = 0
+        """How often these changed."""
         _LIVE.add(self)
 
     def add(self, record: bytes, topic: str, last_s: float | None) -> bool:
@@ -68,7 +74,10 @@ class Journal(BufferRing):
             return self._add_large(record, topic, last_s)
         # The opcode is put apart from the rest and last, so that a recovery never sees half a record.
         tail = record[1:]
-        taken = self.room.until(lambda: self._put_row(tail, last_s), topic, 1)
+        try:
+            taken = self.room.until(lambda: self._put_row(tail, last_s), topic, 1)
+        except _TooLargeError:
+            return self._add_large(record, topic, last_s)
         self.room.give_way()
         return taken
 
@@ -88,8 +97,18 @@ class Journal(BufferRing):
                     self.last_s = last_s
                 active.starts.append(start)
                 return True
-            if not self.rotate(active):
+            if not self._rotate_for(active, size):
                 return False
+
+    def _rotate_for(self, active: Buffer, size: int) -> bool:
+        """Hand over a buffer without room for a record; returns whether to look at the active buffer again.
+
+        Raises:
+            _TooLargeError: An empty buffer would have no room either.
+        """
+        if 0 <= active.limit < active.prologue + size:
+            raise _TooLargeError
+        return self.rotate(active)
 
     def _put_gap(self, record: bytes, is_extra: bool) -> bool:
         """Put a record that is not a Message."""
@@ -107,7 +126,7 @@ class Journal(BufferRing):
                     active.has_extras = True
                 active.gaps.append((start, end, is_extra))
                 return True
-            if not self.rotate(active):
+            if not self._rotate_for(active, size):
                 return False
 
     def add_many(
@@ -139,7 +158,7 @@ class Journal(BufferRing):
                 offset = int(starts[done])
                 fitting = int(np.searchsorted(ends, active.limit - at + offset, side="right"))
                 if fitting <= done:
-                    if not self.rotate(active):
+                    if not self._rotate_for(active, int(ends[done]) - offset):
                         return False
                     continue
                 piece = block[offset : int(ends[fitting - 1])]
@@ -160,11 +179,15 @@ class Journal(BufferRing):
 
         while done < len(starts):
             size = int(ends[done] - starts[done])
-            if self._fits_no_buffer(size):
+            is_large = self._fits_no_buffer(size)
+            try:
+                if not is_large and not self.room.until(put, topic, len(starts) - done):
+                    break
+            except _TooLargeError:
+                is_large = True
+            if is_large:
                 refused += not self._add_large(block[int(starts[done]) : int(ends[done])], topic, last_s)
                 done += 1
-            elif not self.room.until(put, topic, len(starts) - done):
-                break
             self.room.give_way()
         return done - refused
 
@@ -179,34 +202,50 @@ class Journal(BufferRing):
         Raises:
             TopicError: There are too many topics for the size of a chunk.
         """
-        if not self._has_room_for(len(schema) + len(channel)):
+        if not self._define(number, schema, channel, self.options.chunk_bytes // 2 - _ROOM_BESIDES):
             raise TopicError(
                 f"the topics of this recording take more than half of a chunk of {self.options.chunk_bytes} bytes;"
                 " set chunk_bytes= higher, or log to fewer topics"
             )
-        self._define(number, schema, channel)
         self.room.until(lambda: self._put_gap(schema + channel, is_extra=False), "the journal", None)
 
     def redefine(self, number: int, schema: bytes) -> bool:
         """Take another Schema record of a topic into this buffer and all later ones.
 
         Returns:
-            Whether it was taken; False where it is too large for the size of a chunk.
+            Whether it was taken; False where the topics would take more than a quarter of a chunk: the next quarter is
+            for further topics.
+
+        Raises:
+            BacklogFullError: There is no room now, and the recorder does not wait.
+            StateError: The recorder is closed, or this is a forked child.
+            StorageError: The backlog is full and nothing can be written.
         """
-        old, channel = self._definitions[number]
-        if not self._has_room_for(len(schema) - len(old)):
+        if not self._define(number, schema, self._definitions[number][1], self.options.chunk_bytes // 4):
             return False
-        self._define(number, schema, channel)
-        self.room.until(lambda: self._put_gap(schema, is_extra=False), "the journal", None)
+        if not self.room.until(lambda: self._put_gap(schema, is_extra=False), "the journal", 0):
+            raise BacklogFullError("the backlog has no room for a wider schema")
         return True
 
-    def _has_room_for(self, size: int) -> bool:
-        return len(self.registry) + size <= self.options.chunk_bytes // 2
+    def _define(self, number: int, schema: bytes, channel: bytes, most: int) -> bool:
+        """Let all later buffers begin with a topic's records, unless those of all topics would take too many bytes.
 
-    def _define(self, number: int, schema: bytes, channel: bytes) -> None:
-        with self.lock:  # before the records are put: a buffer that begins meanwhile must have them
+        It is called before the records are put into the active buffer, because another buffer may begin meanwhile.
+        """
+        with self.lock:
+            old = self._definitions.get(number, (b"", b""))
+            growth = len(schema) + len(channel) - sum(map(len, old))
+            if len(self.registry) + growth > most:
+                return False
             self._definitions[number] = (schema, channel)
-            self.registry = b"".join([record for pair in self._definitions.values() for record in pair])
+            self._changes += 1
+            while True:
+                changes = self._changes
+                # Copied first: a signal handler may open a topic meanwhile.
+                registry = b"".join([record for pair in list(self._definitions.values()) for record in pair])
+                if self._changes == changes:  # no call between
+                    self.registry = registry
+                    return True
 
     def add_metadata(self, record: bytes) -> None:
         """Put a Metadata record; it waits for room with every value of `on_full`.
@@ -215,8 +254,14 @@ class Journal(BufferRing):
             FieldError: It is larger than a chunk.
         """
         if self._fits_no_buffer(len(record)):
-            raise FieldError(f"{len(record)} bytes of metadata do not fit into a chunk of {self.options.chunk_bytes}")
-        self.room.until(lambda: self._put_gap(record, is_extra=True), "metadata", None)
+            raise FieldError(self._metadata_size(record))
+        try:
+            self.room.until(lambda: self._put_gap(record, is_extra=True), "metadata", None)
+        except _TooLargeError as error:
+            raise FieldError(self._metadata_size(record)) from error
+
+    def _metadata_size(self, record: bytes) -> str:
+        return f"{len(record)} bytes of metadata do not fit into a chunk of {self.options.chunk_bytes}"
 
     def _fits_no_buffer(self, size: int) -> bool:
         return len(self.registry) + size + _ROOM_BESIDES > self.options.chunk_bytes

@@ -29,7 +29,7 @@ class Room:
         Args:
             put: Called with the lock held; returns whether there was room.
             topic: For the error messages and counts.
-            rows: How many rows are refused if there is no room; None always waits.
+            rows: How many rows are refused if there is no room, to be counted; None always waits.
 
         Returns:
             Whether it was put; False only with `on_full="drop"`.
@@ -42,7 +42,7 @@ class Room:
                 # Asked under the lock, so that it is the failure that kept this attempt from finding room.
                 failure = self.failure()
                 is_refused = self._ring.cannot_wait or (rows is not None and self._may_refuse(failure))
-                if rows is not None and is_refused:
+                if rows and is_refused:
                     self.dropped[topic] = self.dropped.get(topic, 0) + rows
             if is_refused:
                 return self._refuse(topic, failure)

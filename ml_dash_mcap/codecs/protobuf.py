@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from ..errors import FieldError
+from ..errors import BacklogFullError, FieldError, StorageError
 from ..rows import foreign_values, json_text
 from ..rows.plain_row import TIME_KEY, PlainRow
 from ..rows.shape import Shape
@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 _MOST_GROWTHS = 200
 """How often the layout of a topic grows; what comes later has no field. Each growth writes the whole descriptor into
 the journal."""
+
+_REFUSED_GROWTH = 20
+"""As so many growths counts one that the journal had no room for. It takes milliseconds to find that out."""
 
 _LOCK_WAIT_S = 1.0
 """After a fork, another thread of the parent may hold the lock in the child for ever."""
@@ -121,8 +124,18 @@ class ProtobufCodec(Codec):
         encoder = RowEncoder()
         payload = encoder.encode(layout, row, is_read=is_read)
         if encoder.opaque and layout.lacks_opaque(encoder.opaque):
-            self._grown(lambda layout: layout.with_opaque(encoder.opaque))
+            self._name_opaque(encoder.opaque)
         return payload
+
+    def _name_opaque(self, paths: Sequence[str]) -> None:
+        """Name values without a field. The schema in the journal does without: nothing is decoded by these names."""
+        if not self._lock.acquire(blocking=False):
+            return
+        try:
+            if not self._is_growing:
+                self.layout = self.layout.with_opaque(paths)
+        finally:
+            self._lock.release()
 
     def _wide_enough(self, row: dict[str, Any]) -> Layout:
         """Return the layout, with a field for each value of a plain row that can have one."""
@@ -148,12 +161,15 @@ class ProtobufCodec(Codec):
                 wider = grow(layout)
                 if wider is layout:
                     return layout
-                self._growths += wider.size > layout.size
-                if self._declare is not None and not self._declare(descriptor.encode(wider, self.topic)):
+                is_declared = self._declare is None or self._declare(descriptor.encode(wider, self.topic))
+                self._growths += 1 if is_declared else _REFUSED_GROWTH
+                if not is_declared:
                     return layout
                 self.layout = wider
                 self._compilation.forget()
                 return wider
+            except (BacklogFullError, StorageError):  # the row will meet that itself, and be counted
+                return layout
             finally:
                 self._is_growing = False
         finally:

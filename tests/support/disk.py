@@ -12,6 +12,8 @@ import cbor2
 from mcap.reader import McapReader, make_reader
 from mcap.records import Channel, Schema
 
+from tests.support import proto_rows
+
 Row = dict[str, Any]
 
 
@@ -24,10 +26,17 @@ def rows(folder: Path) -> dict[str, list[Row]]:
     """By topic, the rows as they are in the files, those of each segment in time order."""
     found: dict[str, list[Row]] = {}
     for reader in _readers(folder):
-        for _, channel, message in reader.iter_messages(log_time_order=True):
-            loads = {"json": json.loads, "cbor": cbor2.loads}[channel.message_encoding]
-            found.setdefault(channel.topic, []).append(loads(message.data))
+        for schema, channel, message in reader.iter_messages(log_time_order=True):
+            found.setdefault(channel.topic, []).append(_row(schema, channel, message.data))
     return found
+
+
+def _row(schema: Schema | None, channel: Channel, payload: bytes) -> Row:
+    if channel.message_encoding == "protobuf":
+        assert schema is not None
+        return proto_rows.row_of(schema.data, schema.name, payload)
+    row: Row = {"json": json.loads, "cbor": cbor2.loads}[channel.message_encoding](payload)
+    return row
 
 
 def payloads(folder: Path) -> Iterator[tuple[str, bytes]]:

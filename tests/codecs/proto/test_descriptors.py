@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import orjson
 import pytest
-from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf import descriptor_pb2
 from google.protobuf.unknown_fields import UnknownFieldSet
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -23,11 +23,9 @@ from ml_dash_mcap.codecs.proto.layout import ROW, Layout
 from ml_dash_mcap.codecs.protobuf import CODEC, ProtobufCodec
 from tests.rows.test_json_text import same
 from tests.support.examples import examples
+from tests.support.proto_rows import OPTION, message_class, option
 
 Row = dict[str, Any]
-
-OPTION = 51_700
-"""The number of the option in which a field's key and the lengths of its matrices stand."""
 
 WORDS = [
     *("Array", "array", "_exact", "_ts", "ts", "exact", "Exact", "_array", "type", "data", "Field", "field", ""),
@@ -88,30 +86,6 @@ TOPICS = ANY_TOPIC.filter(is_topic)
 def encoded(codec: Any, row: Row) -> bytes:
     payload: bytes = codec.encode({**row, "_ts": 1.5}, codec.topic)
     return payload
-
-
-def message_class(schema: bytes, name: str) -> Any:
-    """Return google's class for a message; its pool refuses descriptors that are not sound."""
-    pool = descriptor_pool.DescriptorPool()
-    for file in descriptor_pb2.FileDescriptorSet.FromString(schema).file:
-        pool.Add(file)
-    return message_factory.GetMessageClass(pool.FindMessageTypeByName(name))
-
-
-def option(field: Any) -> Row:
-    """Return our option of a field, by google's own parser."""
-    file = descriptor_pb2.FileDescriptorProto(
-        name="o.proto", package="o", dependency=["google/protobuf/descriptor.proto"]
-    )
-    file.extension.add(name="o", number=OPTION, extendee=".google.protobuf.FieldOptions", type=12, label=1)
-    pool = descriptor_pool.DescriptorPool()
-    pool.AddSerializedFile(descriptor_pb2.DESCRIPTOR.serialized_pb)
-    pool.Add(file)
-    options = message_factory.GetMessageClass(pool.FindMessageTypeByName("google.protobuf.FieldOptions"))
-    content = options.FromString(field.GetOptions().SerializeToString())
-    text: bytes = content.Extensions[pool.FindExtensionByName("o.o")]
-    row: Row = orjson.loads(text) if text else {}
-    return row
 
 
 # -- what google's library reads ---------------------------------------------------------------------------------------
