@@ -15,10 +15,12 @@ from ..mcap.message_records import MESSAGE_HEAD_BYTES
 BLANKS_BEHIND = 8
 """So many blanks at least lie behind the last payload, so that the 8 bytes that begin at any byte can be looked at."""
 
-_BETWEEN = np.frombuffer(b"\n".ljust(MESSAGE_HEAD_BYTES), np.uint8)
-"""Takes the place of the head of a message."""
+_WORTH_HOLDING = 2
+"""A chunk is held for messages that are at least one part in so many of it; fewer are copied out of it."""
 
-_BEHIND = np.frombuffer(b"\n".ljust(BLANKS_BEHIND), np.uint8)
+_HEAD = np.dtype((np.void, MESSAGE_HEAD_BYTES))
+_BLANKS = b" " * MESSAGE_HEAD_BYTES
+_BLANK_HEAD = np.frombuffer(_BLANKS, _HEAD)[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,11 +28,14 @@ class Payloads(Sequence[bytes]):
     """The payloads of some messages: a sequence of bytes like any other, each copied out when it is asked for."""
 
     data: npt.NDArray[np.uint8]
-    """The payloads, in their order. A newline and perhaps spaces lie between two of them and behind the last."""
+    """Holds the payloads in their order."""
     starts: npt.NDArray[np.int64]
     """Where each payload starts, [N]."""
     ends: npt.NDArray[np.int64]
     """Where each payload ends, [N]."""
+    has_heads: bool = False
+    """Whether the heads of messages lie between them. Otherwise, spaces do, one at least, and at least
+    `BLANKS_BEHIND` of them lie behind the last."""
 
     def __len__(self) -> int:
         """How many there are."""
@@ -38,8 +43,7 @@ class Payloads(Sequence[bytes]):
 
     def __iter__(self) -> Iterator[bytes]:
         """Yield each payload."""
-        text = self.data.tobytes()
-        return iter([text[start:end] for start, end in zip(self.starts.tolist(), self.ends.tolist(), strict=True)])
+        return iter(self[:])
 
     @overload
     def __getitem__(self, which: int) -> bytes: ...
@@ -51,50 +55,63 @@ class Payloads(Sequence[bytes]):
         """Return a payload, or some of them as a list."""
         if not isinstance(which, slice):
             return self.data[self.starts[which] : self.ends[which]].tobytes()
-        spans = zip(self.starts[which].tolist(), self.ends[which].tolist(), strict=True)
-        return [self.data[start:end].tobytes() for start, end in spans]
+        return self._list(self.starts[which], self.ends[which])
+
+    def _list(self, starts: npt.NDArray[np.int64], ends: npt.NDArray[np.int64]) -> list[bytes]:
+        data = self.data.tobytes()  # of which parts are copied faster than of an array
+        return [data[start:end] for start, end in zip(starts.tolist(), ends.tolist(), strict=True)]
 
     @property
     def size(self) -> int:
         """How many bytes all payloads have."""
-        return int((self.ends - self.starts).sum())
+        return int(self.ends.sum() - self.starts.sum())
 
     def pick(self, which: npt.NDArray[np.intp]) -> Payloads:
         """Return some of them, copied."""
-        starts, ends = self.starts[which].tolist(), self.ends[which].tolist()
-        return of_list([self.data[start:end].tobytes() for start, end in zip(starts, ends, strict=True)])
+        return of_list(self._list(self.starts[which], self.ends[which]))
 
 
 def of_list(payloads: Sequence[bytes]) -> Payloads:
     """Return payloads that are bytes each."""
-    data = np.frombuffer(b"\n".join([*payloads, _BEHIND[1:].tobytes()]), np.uint8)
+    data = np.frombuffer(b" ".join([*payloads, _BLANKS[1:BLANKS_BEHIND]]), np.uint8)
     sizes = np.fromiter(map(len, payloads), np.int64, len(payloads))
     ends = np.cumsum(sizes + 1) - 1
     return Payloads(data, ends - sizes, ends)
 
 
 def of_messages(messages: Messages) -> Payloads:
-    """Copy the payloads of messages out of their chunk."""
+    """Return the payloads of messages, copied out of their chunk unless they are most of it."""
     starts, ends = messages.offsets, messages.ends
-    if not len(starts) or not bool((starts[1:] == ends[:-1]).all()):
+    if not len(starts) or int(ends[-1] - starts[0]) * _WORTH_HOLDING < len(messages.data):
         return of_list(messages.payloads)
-    # Nothing else lies between them: all are copied at once, and the heads between them are then made blank.
-    first, size = int(starts[0]), int(ends[-1] - starts[0])
-    data = np.empty(size + BLANKS_BEHIND, np.uint8)
-    data[:size] = np.frombuffer(messages.data, np.uint8, size, first)
-    data[size:] = _BEHIND
-    head = np.dtype((np.void, MESSAGE_HEAD_BYTES))
-    # A view with a stride of 1, because messages begin at any byte.
-    heads = np.ndarray((size - MESSAGE_HEAD_BYTES + 1,), head, data, strides=(1,))
-    heads[starts - first] = _BETWEEN.view(head)[0]
-    return Payloads(data, starts - first + MESSAGE_HEAD_BYTES, ends - first)
+    if not bool((starts[1:] == ends[:-1]).all()):  # something else lies between them
+        return of_list(messages.payloads)
+    return Payloads(np.frombuffer(messages.data, np.uint8), starts + MESSAGE_HEAD_BYTES, ends, has_heads=True)
 
 
 def joined(parts: Sequence[Payloads]) -> Payloads:
-    """Put payloads behind each other."""
-    if len(parts) == 1:
+    """Put payloads behind each other, with nothing but blanks between them."""
+    parts = [part for part in parts if len(part)]
+    if len(parts) == 1 and not parts[0].has_heads:
         return parts[0]
-    shifts = np.cumsum([0, *(len(part.data) for part in parts)]).tolist()
-    starts = [part.starts + shift for part, shift in zip(parts, shifts, strict=False)]
-    ends = [part.ends + shift for part, shift in zip(parts, shifts, strict=False)]
-    return Payloads(np.concatenate([part.data for part in parts]), np.concatenate(starts), np.concatenate(ends))
+    sizes = [int(part.ends[-1] - part.starts[0]) for part in parts]
+    places = np.cumsum([0, *(size + 1 for size in sizes)]).tolist()
+    data = np.empty(places[-1] + BLANKS_BEHIND, np.uint8)
+    for part, place, size in zip(parts, places, sizes, strict=False):
+        _copy(part, data[place : place + size])
+        data[place + size] = _BLANKS[0]
+    data[places[-1] :] = _BLANKS[0]
+    starts = [part.starts - part.starts[0] + place for part, place in zip(parts, places, strict=False)]
+    ends = [part.ends - part.starts[0] + place for part, place in zip(parts, places, strict=False)]
+    none = np.empty(0, np.int64)
+    return Payloads(data, np.concatenate([none, *starts]), np.concatenate([none, *ends]))
+
+
+def _copy(payloads: Payloads, target: npt.NDArray[np.uint8]) -> None:
+    """Copy payloads and what lies between them, but for the heads of messages, which become blank."""
+    start = int(payloads.starts[0])
+    target[:] = payloads.data[start : start + len(target)]
+    if payloads.has_heads and len(payloads) > 1:
+        # A view with a stride of 1, because heads begin at any byte.
+        heads = np.ndarray((len(target) - MESSAGE_HEAD_BYTES + 1,), _HEAD, target, strides=(1,))
+        heads[payloads.ends[:-1] - start] = _BLANK_HEAD
