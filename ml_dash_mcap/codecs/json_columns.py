@@ -12,8 +12,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from ..rows.plain_row import EXACT_KEY
+from . import payloads as payload_arrays
 from .codec import Columns
 from .json_lines import LineReader, joined
+from .json_pattern_reader import PatternReader
+from .payloads import Payloads
 
 _EXACT = f'"{EXACT_KEY}"'.encode()
 _DOT = ord(".")
@@ -29,10 +32,15 @@ class JsonColumnReader:
         Args:
             columns: Dotted names of the wanted columns; None for all.
         """
+        self._patterns = PatternReader(columns)
         self._lines = LineReader(columns)
 
     def read(self, payloads: Sequence[bytes]) -> Columns | None:
         """Return the columns of rows, and which of them are left out."""
+        columns = self._patterns.read(_in_one_array(payloads))
+        return self._read_lines(list(payloads)) if columns is None else columns
+
+    def _read_lines(self, payloads: Sequence[bytes]) -> Columns | None:
         lines = joined(payloads)
         arrays = None if lines is None else self._lines.read(lines)
         if lines is None or arrays is not None:
@@ -49,9 +57,17 @@ class JsonColumnReader:
 
         That they do can be proven from the bytes: there is no null, no key with a dot, and as many dots as doubles.
         """
-        lines = joined(payloads)
+        in_one_array = _in_one_array(payloads)
+        columns = self._patterns.read(in_one_array)
+        if columns is not None and not len(columns.others):
+            return columns.arrays if _say_all(in_one_array.data.tobytes(), columns.arrays) else None
+        lines = joined(list(payloads))
         arrays = None if lines is None else self._lines.read(lines)
         return arrays if lines is not None and arrays is not None and _say_all(lines.text, arrays) else None
+
+
+def _in_one_array(payloads: Sequence[bytes]) -> Payloads:
+    return payloads if isinstance(payloads, Payloads) else payload_arrays.of_list(payloads)
 
 
 def _with_side_key(payloads: Sequence[bytes], text: bytes) -> npt.NDArray[np.intp]:
