@@ -232,31 +232,24 @@ class Topic:
         return self
 
     def append_message(self: T, message: Any, /, *, _ts: Any = MISSING) -> T:
-        """Take one protobuf message; what is stored is `message.SerializeToString()`.
+        """Take one protobuf message, as it serialises itself; returns the topic itself.
 
         A topic without rows and without a schema takes the schema of its first message. Messages of one time stamp stay
-        apart, and have it to the nanosecond.
-
-        Args:
-            message: Of the topic's schema.
-            _ts: Its time stamp, in seconds, as `append` takes it. No field of the message is read for it.
-
-        Returns:
-            The topic itself.
+        apart, and have it to the nanosecond. No field of a message is read for `_ts`, which is in seconds.
 
         Raises:
             UsageError: It is no protobuf message, or one of another type than the topic's schema.
             FieldError: It lacks a required field, or is larger than the whole backlog.
             TopicError: The topic has rows without a schema.
-            EncodingError: The message's descriptors cannot be stored.
             As `append` otherwise.
 
         Example:
             >>> recorder.topic("tool").append_message(PoseInFrame(frame_id="base"), _ts=1.5)
         """
         time_s = _ts if _ts.__class__ is float and 0.0 < _ts < _END_S else self._time(_ts)
-        if self._choice.channel.schema is None:
-            give_schema(self, schema_of_message(message, self.name))
+        if not isinstance(self._codec, GivenCodec):
+            channel = self._choice.channel  # perhaps with a schema that another thread gave just now
+            self._use(channel if channel.schema else self._choice.give(schema_of_message(message, self.name)))
         codec = self._codec
         if not isinstance(codec, GivenCodec):
             raise UsageError(f"append_message() on topic {self.name!r}: its rows are the library's own")

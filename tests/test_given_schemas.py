@@ -248,6 +248,34 @@ def test_threads_that_disagree_about_a_new_topic_get_one_schema(tmp_path: Path) 
             assert sorted(stored) == sorted(letter for topic, letter in taken if topic == name)
 
 
+def test_threads_that_agree_about_a_new_topic_are_all_taken(tmp_path: Path) -> None:
+    errors: list[BaseException] = []
+    with Recorder(tmp_path) as recorder:
+
+        def work(name: str, start: threading.Barrier, is_message: bool) -> None:
+            start.wait()
+            try:
+                for _ in range(5):
+                    if is_message:
+                        recorder.topic(name).append_message(PoseInFrame(frame_id="a"), _ts=1.0)
+                    else:
+                        recorder.topic(name, schema=PoseInFrame).append(frame_id="a", _ts=1.0)
+            except Exception as error:
+                errors.append(error)
+
+        for number in range(50):
+            start = threading.Barrier(4)
+            threads = [threading.Thread(target=work, args=(f"t{number}", start, way % 2 == 0)) for way in range(4)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+    assert errors == []
+    with Recording(tmp_path) as recording:
+        assert {info.count for info in recording.topics.values()} == {20}
+        assert {info.encoding for info in recording.topics.values()} == {"protobuf"}
+
+
 # wrong uses
 
 

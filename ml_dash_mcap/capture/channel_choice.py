@@ -64,10 +64,13 @@ class ChannelChoice:
             return self.channel
         self._journal.check_open()
         with self._lock:
-            if not self._has(schema):
+            # A signal handler may append to the topic at any call in here.
+            while not self._has(schema):
                 self._check_open_for(schema)
-                self.channel = self._give(self.channel, schema)
-                self._is_open = False
+                channel = self._give(self.channel, schema)
+                if self._is_open:  # no call between
+                    self.channel = channel
+                    self._is_open = False
             return self.channel
 
     def _has(self, schema: GivenSchema) -> bool:
@@ -75,17 +78,18 @@ class ChannelChoice:
         return channel.schema == schema.data and channel.schema_name == (schema.name or channel.topic)
 
     def _check_open_for(self, schema: GivenSchema) -> None:
+        if self._is_open or self._has(schema):
+            return
         channel = self.channel
         if channel.schema is not None:
             raise TopicError(
                 f"topic {channel.topic!r} has the schema {channel.schema_name!r} ({channel.schema_encoding}) already,"
                 f" not {schema}; each schema has a topic of its own"
             )
-        if not self._is_open:
-            raise TopicError(
-                f"topic {channel.topic!r} has rows without a given schema already, so it cannot take {schema}; give"
-                " schema= before the first row, or use another topic"
-            )
+        raise TopicError(
+            f"topic {channel.topic!r} has rows without a given schema already, so it cannot take {schema}; give"
+            " schema= before the first row, or use another topic"
+        )
 
 
 def until_first_row(encode: Callable[[dict[str, Any], Any], bytes]) -> Callable[[dict[str, Any], Any], bytes]:
