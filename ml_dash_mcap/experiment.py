@@ -68,7 +68,7 @@ class Experiment(RunMethods):
                 wall clock, and -1 is the last one used on any track.
             buffer_config: ml-dash's, a mapping or an object with any of `flush_interval` (s), `track_batch_size`
                 (rows) and `buffer_enabled`.
-            encoding: The encoding of the rows of its tracks, such as "json" or "cbor".
+            encoding: The encoding of the rows of its tracks, "json", "protobuf" or "cbor".
             options: Everything that can be said about buffering, compression and files, instead.
 
         Raises:

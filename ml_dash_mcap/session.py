@@ -64,7 +64,7 @@ class Session(RunMethods):
             local_path: The folder of all sessions; `.dreamlake` by default.
             remote: Must be None: sessions are recorded to local files.
             buffer_config: See `Experiment`, as for `options`.
-            encoding: The encoding of the points of its tracks, such as "json" or "cbor".
+            encoding: The encoding of the points of its tracks, "json", "protobuf" or "cbor".
 
         Raises:
             PrefixError: The name or the workspace is empty, absolute, or leaves the folder.

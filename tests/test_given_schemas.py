@@ -23,7 +23,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from pyarrow import parquet
 
-from ml_dash_mcap import Experiment, PreparedBlock, Recorder, RecorderOptions, Recording, Session, convert
+from ml_dash_mcap import Experiment, PreparedBlock, Recorder, RecorderOptions, Recording, Session, Topic, convert
 from ml_dash_mcap.errors import (
     BacklogFullError,
     FieldError,
@@ -35,6 +35,7 @@ from ml_dash_mcap.errors import (
 )
 from tests import given_workload
 from tests.given_workload import SCHEMA, pose
+from tests.interruptions import at_every_point
 from tests.support import disk
 
 
@@ -276,6 +277,38 @@ def test_threads_that_agree_about_a_new_topic_are_all_taken(tmp_path: Path) -> N
         assert {info.encoding for info in recording.topics.values()} == {"protobuf"}
 
 
+@pytest.mark.parametrize("is_message", [True, False])
+def test_a_handler_may_append_to_the_topic_that_is_given_its_schema(tmp_path: Path, is_message: bool) -> None:
+    taken: dict[str, list[str]] = {}
+
+    def append(topic: Topic, letter: str, is_message: bool) -> None:
+        if is_message:
+            topic.append_message(PoseInFrame(frame_id=letter), _ts=1.0)
+        else:
+            topic.append(frame_id=letter, _ts=2.0)
+        taken.setdefault(topic.name, []).append(letter)
+
+    options = RecorderOptions(chunk_bytes=2**21, backlog_bytes=2**23, flush_interval_s=3600)
+    with Recorder(tmp_path, options) as recorder:
+        recorder.topic("first", schema=PoseInFrame).append(frame_id="x", _ts=0.0)  # imports what the others need
+        topics = [recorder.topic(f"t{number}") for number in range(600)]
+
+        def action() -> None:
+            try:
+                append(topics[-1], "m", True)
+            except TopicError:  # the handler's row came first, so the topic has no schema
+                assert not is_message
+
+        for interruption in at_every_point(action, lambda: append(topics[-1], "h", is_message)):
+            assert interruption.where
+            topics.pop()
+    with Recording(tmp_path) as recording:
+        assert len(taken) > 20
+        for name, letters in taken.items():
+            assert sorted(row["frame_id"] for row in recording[name].rows()) == sorted(letters)
+            assert "h" in letters or letters == ["m"]
+
+
 # wrong uses
 
 
@@ -489,6 +522,8 @@ def test_a_session_has_an_encoding_and_counts_messages(tmp_path: Path) -> None:
         assert time.time() - 60 < tool.read_by_time()["data"][0]["data"]["_ts"] <= time.time()
         assert session.track("loss").append(value=1).encoding == "cbor"
         assert session.track("plain", encoding="json").append(value=1).encoding == "json"
+        assert session.track("typed", encoding="protobuf").append(value=1).encoding == "protobuf"
+        assert session.track("typed").read()["data"][0]["data"]["value"] == 1
         assert tool.append_batch([{"frame_id": "c"}])["startIndex"] == "2"
         assert [point["data"]["frame_id"] for point in tool.read()["data"]] == ["a", "b", "c"]
 

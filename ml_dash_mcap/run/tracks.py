@@ -255,7 +255,7 @@ class Tracks(Generic[TrackT]):
             joint_names: Of the elements of joint angles, velocities and torques.
             frame_id: What positions, orientations and vectors are relative to.
             quat_order: "xyzw" or "wxyz", of all quaternions of the topic.
-            encoding: The encoding of its rows, such as "json" or "cbor"; the recorder's option by default.
+            encoding: The encoding of its rows, "json", "protobuf" or "cbor"; the recorder's option by default.
             schema: The schema of its rows, as `Recorder.topic` takes it.
 
         Raises:
