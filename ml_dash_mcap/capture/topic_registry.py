@@ -99,6 +99,8 @@ class TopicRegistry:
                 info = self._register(self._info(name, kind, texts, about))
                 # a signal handler may have opened the topic meanwhile; then this number has no rows
                 topic = self._topics.setdefault(key, make(info))
+            elif about.more or about.metadata:
+                self._note_units_again(key)
         if texts and not is_new:
             write_metadata(self._journal, TOPIC_RECORD, {"topic": name, **texts})
         return topic
@@ -131,7 +133,21 @@ class TopicRegistry:
         default = self._encoding if kind in (TRACK, MESSAGE) else "json"
         codec = codec_table.to_record(default if about.encoding is None else about.encoding)
         codec = codec.for_channel(name, declare=partial(_redefine, self._journal, self.channels, number))
+        codec.note_units(self._units((kind, name)))
         return ChannelInfo(number, name, kind, texts, codec=codec)
+
+    def _note_units_again(self, key: tuple[str, str]) -> None:
+        """Let the codec of an open topic know the units that were told later."""
+        for info in list(self.channels.values()):
+            if (info.kind, info.topic) == key and info.is_inferred and info.codec is not None:
+                info.codec.note_units(self._units(key))
+
+    def _units(self, key: tuple[str, str]) -> dict[str, str]:
+        """Return the units of a topic's fields that are texts."""
+        units = self._metadata.get(key, {}).get("units")
+        if not isinstance(units, Mapping):
+            return {}
+        return {name: unit for name, unit in units.items() if isinstance(name, str) and isinstance(unit, str)}
 
     def _register(self, info: ChannelInfo) -> ChannelInfo:
         """Announce a channel in the journal."""

@@ -149,6 +149,10 @@ class Codec(MessageCodec, Protocol):
         """
         return  # otherwise mypy takes it for abstract
 
+    def note_units(self, units: Mapping[str, str]) -> None:
+        """Take the units of fields, by dotted name, for schemas that say them; others have them beside the schema."""
+        return  # otherwise mypy takes it for abstract
+
     def schema_name(self, topic: str) -> str:
         """Return the name of the schema of a topic."""
         return topic

@@ -8,11 +8,12 @@ from __future__ import annotations
 import functools
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ..errors import BacklogFullError, FieldError, StorageError
 from ..rows import foreign_values, json_text
-from ..rows.plain_row import TIME_KEY, PlainRow
+from ..rows.plain_row import TIME_KEY, PlainRow, encodable
 from ..rows.shape import Shape
 from . import protobuf_messages
 from .codec import BlockForms, Codec, ColumnReader, EncodedColumns
@@ -69,6 +70,17 @@ class ProtobufCodec(Codec):
         """Return a codec for the rows of one channel."""
         layout = descriptor.decode(schema, descriptor.full_name(topic)) if schema else None
         return ProtobufCodec(topic, layout or ROW, declare)
+
+    def note_units(self, units: Mapping[str, str]) -> None:
+        """Take the units of fields for the descriptor. The journal learns them with the next field."""
+        noted = tuple((encodable(name), encodable(unit)) for name, unit in units.items())
+        if noted == self.layout.units or not self._lock.acquire(timeout=_LOCK_WAIT_S):
+            return
+        try:
+            if not self._is_growing:
+                self.layout = replace(self.layout, units=noted)
+        finally:
+            self._lock.release()
 
     def on_compiled(self, install: Callable[[AppendCode | None], None]) -> None:
         """Name the function that takes the code of an `append`."""

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from ml_dash_mcap import EncodingError, Recorder, RecorderOptions, Recording
 from ml_dash_mcap.codecs.proto import proto_text, topic_files
+from ml_dash_mcap.codecs.proto.descriptor import entries_of
 from ml_dash_mcap.codecs.proto.row_comments import RowsAbout
 from ml_dash_mcap.codecs.protobuf import CODEC
 from ml_dash_mcap.mcap.records import Schema
@@ -183,6 +184,25 @@ def test_the_text_of_rows_with_any_keys_compiles_to_their_descriptor(
     compiled = protoc.compile_files(texts, tmp_path_factory.mktemp("classes"))
     recorded = descriptor_pb2.FileDescriptorSet.FromString(data)
     assert protoc.without_sources(compiled) == protoc.without_sources(recorded)
+
+
+@pytest.mark.parametrize("is_told_later", [False, True])
+def test_the_descriptor_in_the_file_says_the_units(tmp_path: Path, is_told_later: bool) -> None:
+    with Recorder(tmp_path, options=PROTOBUF) as recorder:
+        robot = recorder.topic("robot", units=None if is_told_later else {"q": "rad"})
+        robot.append(q=[1.0], _ts=0.0)
+        if is_told_later:
+            recorder.topic("robot", units={"q": "rad"})
+        robot.append(q=[1.0], late=True, _ts=1.0)
+    _, schema = disk.channel(tmp_path, "robot")
+    [file] = descriptor_pb2.FileDescriptorSet.FromString(schema.data).file
+    assert entries_of(file.message_type[0].options) == {"ml_dash": 1, "units": {"q": "rad"}}
+    assert [row for _, row in sorted(read_rows(tmp_path).items())] == [{"q": [1.0]}, {"q": [1.0], "late": True}]
+
+
+def read_rows(folder: Path) -> dict[float, dict[str, Any]]:
+    with Recording(folder) as recording:
+        return {row.pop("_ts"): row for row in recording["robot"].rows()}
 
 
 # Messages of others

@@ -74,7 +74,8 @@ def file_set(layout: Layout, topic: str) -> descriptor_pb2.FileDescriptorSet:
 
 def _write_message(message: Any, layout: Layout, name: str, path: str, array_type: str) -> None:
     message.name = name
-    _set_option(message.options, {"ml_dash": _VERSION} if layout.is_row else {})
+    units = {"units": dict(layout.units)} if layout.units else {}
+    _set_option(message.options, {"ml_dash": _VERSION, **units} if layout.is_row else {})
     if layout.is_row:
         _write_single(message, names.TIME_NAME, TIME_NUMBER, _TYPES[Kind.DOUBLE])
         exact = _write_single(message, names.EXACT_NAME, EXACT_NUMBER, _TYPES[Kind.TEXT])
@@ -202,7 +203,10 @@ def _read_row(proto: Any, path: str) -> Layout:
     _require(isinstance(opaque, list) and all(isinstance(path, str) for path in opaque), "opaque values have paths")
     members = _Members(f"{path}.{names.ARRAY_NAME}").read(proto, proto.field[len(_HEAD_OF_ROWS) :], path)
     _require(all(member.number > EXACT_NUMBER for member in members), "the first numbers are taken")
-    return Layout(members, is_row=True, opaque=tuple(opaque))
+    units = entries_of(proto.options).get("units", {})
+    is_text = isinstance(units, dict) and all(isinstance(unit, str) for unit in units.values())
+    _require(is_text, "units are texts")
+    return Layout(members, is_row=True, opaque=tuple(opaque), units=tuple(units.items()))
 
 
 class _Members:

@@ -114,6 +114,8 @@ class Layout:
     """Whether it is the message of a whole row, which has a time stamp and an exact text besides."""
     opaque: tuple[str, ...] = ()
     """Of a row: the paths (dotted) of values that some rows have in the exact text, because no field expresses them."""
+    units: tuple[tuple[str, str], ...] = ()
+    """Of a row: the paths (dotted) of fields that have a unit, with the unit."""
     size: int = field(init=False, compare=False, repr=False)
     """The number of fields, those inside included."""
     letters: int = field(init=False, compare=False, repr=False)
