@@ -51,6 +51,10 @@ BLOCK_OPCODE = 0x8B
 """A private record (https://mcap.dev/spec#opcodes: other readers pass over it) behind the chunks of each block, with
 the block's number in 8 bytes. A recovery tells by it which blocks of a journal are in the file, and whole."""
 
+WIDER_SCHEMA_OPCODE = 0x8C
+"""A private record with the content of a Schema record: the schema of its id from here on. It is written before the
+Schema record is widened in place, where rows cannot be decoded without their schema: a crash may tear that one."""
+
 
 LARGE_BYTES = 48 * 1024 * 1024
 LARGE_RATIO = 200

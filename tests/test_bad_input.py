@@ -220,7 +220,7 @@ def test_an_integer_beyond_64_bits_is_an_overflow_that_names_the_field(tmp_path:
     assert disk.rows(folder)["arm"] == [{"ticks": [2**64 - 1, -(2**63)], "_ts": 1.5}]
 
 
-@pytest.mark.parametrize("encoding", ["json", "cbor"])
+@pytest.mark.parametrize("encoding", ["json", "cbor", "protobuf"])
 @pytest.mark.parametrize("leaf", [1.5, 7, None, math.inf, b"\0", np.int64(7)], ids=repr)
 @pytest.mark.parametrize("around", [lambda value: [value], lambda value: {"a": value}], ids=["lists", "dicts"])
 def test_lists_and_dicts_of_253_levels_are_stored_whatever_they_hold_and_no_more(

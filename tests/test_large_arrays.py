@@ -104,7 +104,7 @@ def decode_by_hand(folder: Path, topic: str) -> list[dict[str, Any]]:
     return found
 
 
-@pytest.mark.parametrize("encoding", ["json", "cbor"])
+@pytest.mark.parametrize("encoding", ["json", "cbor", "protobuf"])
 @pytest.mark.parametrize("way", ["append", "batch", "columns", "nested"])
 def test_an_array_comes_back_as_it_was(tmp_path: Path, way: str, encoding: str) -> None:
     arrays = {**ARRAYS, **MASKED}
@@ -245,7 +245,7 @@ def drawn(draw: st.DrawFn) -> Any:
 
 
 @settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(array=drawn(), encoding=st.sampled_from(["json", "cbor"]))
+@given(array=drawn(), encoding=st.sampled_from(["json", "cbor", "protobuf"]))
 def test_any_array_comes_back_from_every_read(
     array: Any, encoding: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
@@ -289,7 +289,7 @@ def check(rows: Any, count: int = 3) -> None:
         assert same(row["cloud"], CLOUD)
 
 
-@pytest.mark.parametrize("encoding", ["json", "cbor"])
+@pytest.mark.parametrize("encoding", ["json", "cbor", "protobuf"])
 def test_rows_of_one_time_merge_with_their_arrays(tmp_path: Path, encoding: str) -> None:
     with Recorder(tmp_path, RecorderOptions(encoding=encoding)) as recorder:
         topic = recorder.topic("cam")
@@ -338,7 +338,7 @@ def test_fields_say_the_type_and_shape(tmp_path: Path, encoding: str) -> None:
                       "listed": "any"}  # fmt: skip
 
 
-@pytest.mark.parametrize("encoding", ["json", "cbor"])
+@pytest.mark.parametrize("encoding", ["json", "cbor", "protobuf"])
 def test_columns_hold_arrays_beside_lists_and_gaps(tmp_path: Path, encoding: str) -> None:
     with Recorder(tmp_path, RecorderOptions(encoding=encoding)) as recorder:
         topic = recorder.topic("a")
@@ -367,7 +367,7 @@ def test_lines_of_json_say_it_as_the_file_does(tmp_path: Path, format: str) -> N
         assert json.dumps("uint8[120,200,3]") in line
 
 
-@pytest.mark.parametrize("encoding", ["json", "cbor"])
+@pytest.mark.parametrize("encoding", ["json", "cbor", "protobuf"])
 def test_a_copy_as_mcap_holds_the_arrays(tmp_path: Path, encoding: str) -> None:
     record(tmp_path / "run", encoding=encoding)
     with Recording(tmp_path / "run") as recording:
@@ -377,7 +377,7 @@ def test_a_copy_as_mcap_holds_the_arrays(tmp_path: Path, encoding: str) -> None:
         assert str(copy.topics["cam"].fields["image"]) == "uint8[120,200,3]"
 
 
-@pytest.mark.parametrize("encoding", ["json", "cbor"])
+@pytest.mark.parametrize("encoding", ["json", "cbor", "protobuf"])
 def test_parquet_holds_the_numbers_in_their_type(tmp_path: Path, encoding: str) -> None:
     record(tmp_path / "run", encoding=encoding)
     with Recording(tmp_path / "run") as recording:

@@ -53,7 +53,7 @@ def canonical(row: dict[str, Any]) -> dict[str, str]:
 
 @settings(max_examples=examples(120), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(steps=STEPS)
-@pytest.mark.parametrize("encoding", ["json", "cbor"])
+@pytest.mark.parametrize("encoding", ["json", "cbor", "protobuf"])
 def test_a_recording_is_what_was_appended_whatever_came_between(steps: list[tuple[Any, ...]], encoding: str) -> None:
     options = RecorderOptions(
         encoding=encoding, chunk_bytes=65_536, backlog_bytes=262_144, sync_interval_s=0, segment_bytes=65_536
@@ -119,7 +119,7 @@ ARRAYS = [
 ]
 
 
-@pytest.mark.parametrize("encoding", ["json", "cbor"])
+@pytest.mark.parametrize("encoding", ["json", "cbor", "protobuf"])
 @pytest.mark.parametrize("column", ARRAYS, ids=range(len(ARRAYS)))
 def test_columns_are_the_rows_that_append_would_have_taken(tmp_path: Path, column: Any, encoding: str) -> None:
     times = np.array([0.0, 1 / 3, 1.7e9 + 1 / 7, 2.5])

@@ -145,6 +145,8 @@ class SegmentSink:
             segment = self._ensure_segment()
         for number, info in block.channels.items():
             if segment.schema_space(number):
+                if info.codec is not None and not info.codec.follows_shapes:  # its rows are not decoded without it
+                    segment.announce_schema(number, grown[number])
                 segment.rewrite_schema(number, grown[number])
             else:
                 segment.add_topic(number, self._schema_record(block, number, 0), info.channel_record())

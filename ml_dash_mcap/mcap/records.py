@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
-from ..file_names import BLOCK_OPCODE
+from ..file_names import BLOCK_OPCODE, WIDER_SCHEMA_OPCODE
 from .record_layout import (
     DATA,
     NUMBER_MAP,
@@ -322,6 +322,8 @@ METADATA_INDEX = RecordLayout(Opcode.METADATA_INDEX, MetadataEntry, offset=U64, 
 SUMMARY_OFFSET = RecordLayout(Opcode.SUMMARY_OFFSET, SummaryOffset, opcode=U8, start=U64, length=U64)
 
 DATA_END = RecordLayout(Opcode.DATA_END, DataEnd, data_section_crc=U32)
+
+WIDER_SCHEMA = RecordLayout(WIDER_SCHEMA_OPCODE, Schema, id=U16, name=TEXT, encoding=TEXT, data=DATA)
 
 BLOCK_END = RecordLayout(BLOCK_OPCODE, BlockEnd, number=U64)
 

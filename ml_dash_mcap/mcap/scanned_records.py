@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 
 from ..errors import DamagedFileError
-from ..file_names import BLOCK_OPCODE
+from ..file_names import BLOCK_OPCODE, WIDER_SCHEMA_OPCODE
 from ..store.byte_source import ByteSource
 from . import records
 from .chunk_messages import ChunkScan
@@ -127,7 +127,7 @@ class ScannedRecords:
         """Read the Schema records of an earlier scan again: a recorder in progress widens them where they lie.
 
         It does so before it writes the rows that need it, so whoever has found these rows finds the schema. A record
-        that is changed meanwhile stays as it was read before.
+        that is changed meanwhile stays as it was read before; so does one of which a wider copy was read.
         """
         for schema_id, (at, length) in self.schema_places.items():
             source = self._window.source
@@ -161,6 +161,8 @@ class ScannedRecords:
             schema = records.SCHEMA.read(self._window.content(at, length))
             self.schemas[schema.id] = schema
             self.schema_places[schema.id] = (at, length)
+        elif opcode == WIDER_SCHEMA_OPCODE:
+            self._take_wider_schema(at, length)
         elif opcode == Opcode.CHANNEL:
             channel = records.CHANNEL.read(self._window.content(at, length))
             self.channels[channel.id] = channel
@@ -174,9 +176,17 @@ class ScannedRecords:
             if start.at - first + entry.data_size + records.CRC_BYTES > length:
                 raise DamagedFileError(self._window.source.name, at, "an attachment that is longer than its record")
             self.attachments.append(entry)
-        is_known = opcode in _IN_DATA or (opcode, length) == (BLOCK_OPCODE, 8)
+        is_known = opcode in _IN_DATA or opcode == WIDER_SCHEMA_OPCODE or (opcode, length) == (BLOCK_OPCODE, 8)
         if not is_known and self.chunks and at == self.chunks[-1].indexes_end:
             self.doubt()  # the record may have been a message index
+
+    def _take_wider_schema(self, at: int, length: int) -> None:
+        with suppress(DamagedFileError):  # the private records of others may hold anything
+            schema = records.WIDER_SCHEMA.read(self._window.content(at, length))
+            present = self.schemas.get(schema.id)
+            if present is not None and (present.name, present.encoding) == (schema.name, schema.encoding):
+                self.schemas[schema.id] = schema
+                self.schema_places[schema.id] = (at, length)
 
     def doubt(self) -> None:
         """Rely no more on the message indexes behind the last chunk: its own records will be scanned."""

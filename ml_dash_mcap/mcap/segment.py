@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from ..file_names import ABOUT_RECORD, ACTIVE_SUFFIX
+from ..file_names import ABOUT_RECORD, ACTIVE_SUFFIX, WIDER_SCHEMA_OPCODE
 from .chunk_writer import PackedChunk
 from .file_output import FileOutput, sync_folder
 from .file_writer import FileWriter, WrittenContents
@@ -102,6 +102,11 @@ class Segment(FileWriter[FileOutput]):
         self.contents.schemas[number] = schema
         self.contents.channels[number] = channel
         self.contents.counts.setdefault(number, 0)
+
+    def announce_schema(self, number: int, schema: bytes) -> None:
+        """Write a copy of a wider Schema record, before that is put into its place, where a crash may tear it."""
+        if schema != self.contents.schemas[number]:
+            self.output.write(bytes([WIDER_SCHEMA_OPCODE]) + schema[1:])
 
     def rewrite_schema(self, number: int, schema: bytes) -> None:
         """Put a Schema record in the place of one of the same length."""

@@ -11,7 +11,7 @@ import numpy as np
 from ..codecs import codec_table, json_schema
 from ..codecs.codec import Codec
 from ..errors import DamagedFileError, EncodingError
-from ..file_names import ACTIVE_SUFFIX, SEGMENT_SUFFIX
+from ..file_names import ACTIVE_SUFFIX, SEGMENT_SUFFIX, WIDER_SCHEMA_OPCODE
 from ..mcap import chunk_messages
 from ..mcap.file_index import FileIndex
 from ..mcap.file_reader import McapFile
@@ -61,7 +61,7 @@ def finish(path: Path, journaled: Collection[int]) -> Path:
     file = McapFile(path)
     try:
         index = file.index
-        texts = _mended_schemas(index)
+        texts = {**_mended_schemas(index), **_wider_schemas(file)}
         torn = _schema_offsets(file, texts)
         if index.finished and not torn:
             finished = path.with_name(path.name.removesuffix(ACTIVE_SUFFIX))
@@ -116,6 +116,26 @@ def _mended_schemas(index: FileIndex) -> dict[int, bytes]:
         if text is not None and len(text) == len(schema.data):
             texts[number] = text
     return texts
+
+
+def _wider_schemas(file: McapFile) -> dict[int, bytes]:
+    """Return the schemas, by id, of which a wider copy was written and is not what lies in its place."""
+    index = file.index
+    copied = [number for number, (at, _) in index.schema_places.items() if _opcode(file, at) == WIDER_SCHEMA_OPCODE]
+    wider: dict[int, bytes] = {}
+    for number, at in _schema_offsets(file, copied).items():
+        record = SCHEMA.pack(index.schemas[number])
+        if file.source.read(at, len(record)) != record and index.schema_places[number][1] == _length(file, at):
+            wider[number] = index.schemas[number].data
+    return wider
+
+
+def _opcode(file: McapFile, at: int) -> int:
+    return read_prefix(file.source.read(at, PREFIX_BYTES), 0)[0]
+
+
+def _length(file: McapFile, at: int) -> int:
+    return read_prefix(file.source.read(at, PREFIX_BYTES), 0)[1]
 
 
 def _codec(encoding: str) -> Codec | None:

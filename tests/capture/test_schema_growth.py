@@ -19,6 +19,7 @@ from ml_dash_mcap.errors import BacklogFullError, StorageError
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder
 from ml_dash_mcap.recording import Recording
+from ml_dash_mcap.recovery.unfinished_segments import finish
 from tests.capture.test_backpressure import a_disk_that_stands_still, is_sound
 from tests.interruptions import at_every_point, within
 from tests.support import disk
@@ -312,3 +313,78 @@ def test_a_row_that_fitted_before_the_topics_grew_goes_into_a_buffer_of_its_own(
     journal._fits_no_buffer = real  # type: ignore[method-assign]
     recorder.close()
     assert [len(str(row["x"])) for row in read(tmp_path)["a"]] == [1, 65_300, 65_400, 1]
+
+
+# -- a schema that was torn while it was widened in place --------------------------------------------------------------
+
+
+class Grown:
+    """A segment as it lay before and after its schema was widened in place."""
+
+    rows = ({"q": 1.5, "_ts": 1.0}, {"q": 2.5, "late": [1, 2], "_ts": 2.0}, {"q": 3.5, "later": {"x": "a"}, "_ts": 3.0})
+
+    def __init__(self, folder: Path) -> None:
+        states: list[bytes] = []
+        with Recorder(folder, RecorderOptions(encoding="protobuf")) as recorder:
+            for row in self.rows:
+                recorder.topic("t").append(**row).flush()
+                (active,) = folder.glob("*.active")
+                states.append(active.read_bytes())
+        self.name, (self.old, self.middle, self.new) = active.name, states
+        changed = [at for at, (a, b) in enumerate(zip(self.old, self.new, strict=False)) if a != b]
+        self.first, self.last = changed[0], changed[-1] + 1
+
+    def torn(self, at: int, other: bytes) -> bytes:
+        """Return the segment with its schema from the new one up to a place, and from another one behind it."""
+        return self.new[:at] + other[at : self.last] + self.new[self.last :]
+
+
+@pytest.mark.parametrize("state", ["old", "middle"])
+def test_a_schema_that_a_crash_tore_in_its_place_is_taken_from_its_copy(tmp_path: Path, state: str) -> None:
+    grown = Grown(tmp_path / "run")
+    whole = range(grown.first, grown.last + 1)
+    for number, at in enumerate([*whole[:: max(1, len(whole) // 25)], grown.last]):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        path = folder / grown.name
+        path.write_bytes(grown.torn(at, getattr(grown, state)))
+        with Recording(folder, recover=False) as recording:
+            assert list(recording["t"].rows()) == list(grown.rows), at
+        finish(path, ())
+        assert read(folder) == {"t": list(grown.rows)}, at
+        (finished,) = folder.glob("*.mcap")
+        assert finished.read_bytes()[: grown.last] == grown.new[: grown.last], at
+
+
+def test_a_schema_of_which_nothing_is_left_is_taken_from_its_copy(tmp_path: Path) -> None:
+    grown = Grown(tmp_path / "run")
+    folder = tmp_path / "torn"
+    folder.mkdir()
+    path = folder / grown.name
+    path.write_bytes(grown.torn(grown.first, bytes(len(grown.new))))
+    finish(path, ())
+    assert read(folder) == {"t": list(grown.rows)}
+
+
+def test_a_reader_of_a_growing_file_reads_rows_by_the_schema_that_was_written_before_them(tmp_path: Path) -> None:
+    with Recorder(tmp_path, RecorderOptions(encoding="protobuf")) as recorder:
+        recorder.topic("t").append(**Grown.rows[0]).flush()
+        with Recording(tmp_path) as recording:
+            assert list(recording["t"].rows()) == list(Grown.rows[:1])
+            for count in (2, 3):
+                recorder.topic("t").append(**Grown.rows[count - 1]).flush()
+                recording.refresh()
+                assert list(recording["t"].rows()) == list(Grown.rows[:count])
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"junk", bytes(40), b"\x01\x00\x01\x00\x00\x00x\x00\x00\x00\x00\x00\x00\x00\x00"]
+)
+def test_private_records_of_others_with_the_same_number_are_passed_over(tmp_path: Path, content: bytes) -> None:
+    grown = Grown(tmp_path / "run")
+    folder = tmp_path / "other"
+    folder.mkdir()
+    path = folder / grown.name
+    path.write_bytes(grown.new + b"\x8c" + len(content).to_bytes(8, "little") + content)
+    finish(path, ())
+    assert read(folder) == {"t": list(grown.rows)}

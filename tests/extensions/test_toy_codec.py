@@ -112,7 +112,7 @@ def test_a_schema_that_a_crash_cut_while_it_grew_is_replaced_by_one_without_fiel
 
 
 @pytest.mark.usefixtures("toys")
-@pytest.mark.parametrize("encoding", ["json", "cbor", ENCODING])
+@pytest.mark.parametrize("encoding", ["json", "cbor", "protobuf", ENCODING])
 def test_a_whole_schema_stays_as_it_is_when_a_segment_is_finished(tmp_path: Path, encoding: str) -> None:
     path = active_segment(tmp_path, encoding)
     before = disk_schema(path)

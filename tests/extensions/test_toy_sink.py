@@ -200,7 +200,7 @@ def test_a_tail_of_json_lines_can_be_followed_while_the_recording_goes_on(tmp_pa
         assert (tmp_path / "tail.jsonl").read_text() == '{"topic": "a", "x": 1, "_ts": 1.0}\n'
 
 
-@pytest.mark.parametrize("encoding", ["json", "cbor"])
+@pytest.mark.parametrize("encoding", ["json", "cbor", "protobuf"])
 def test_a_sink_decodes_rows_of_any_encoding(tmp_path: Path, encoding: str) -> None:
     rows: list[dict[str, Any]] = []
 

@@ -206,7 +206,7 @@ REFUSED: dict[str, tuple[Any, str]] = {
 }
 
 
-@pytest.mark.parametrize("encoding", ["json", "cbor"])
+@pytest.mark.parametrize("encoding", ["json", "cbor", "protobuf"])
 @pytest.mark.parametrize("inside", ["alone", "beside NaN", "in a list", "in a dict", "in a batch", "in columns"])
 def test_what_can_be_stored_comes_back_as_documented(tmp_path: Path, inside: str, encoding: str) -> None:
     with Recorder(tmp_path, RecorderOptions(encoding=encoding)) as recorder:
@@ -237,7 +237,7 @@ def test_what_can_be_stored_comes_back_as_documented(tmp_path: Path, inside: str
 
 @pytest.mark.parametrize("name", REFUSED)
 @pytest.mark.parametrize("inside", ["alone", "in a list", "beside NaN"])
-@pytest.mark.parametrize("encoding", ["json", "cbor"])
+@pytest.mark.parametrize("encoding", ["json", "cbor", "protobuf"])
 def test_what_cannot_be_stored_is_refused_with_what_to_pass(
     tmp_path: Path, name: str, inside: str, encoding: str
 ) -> None:

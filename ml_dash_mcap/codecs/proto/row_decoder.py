@@ -95,7 +95,10 @@ def _take(row: Row, layout: Layout, data: bytes, field: wire.WireField) -> None:
     if slot.is_packed:
         row[member.key] = _packed(member, data, field)
     elif slot.is_list:
-        row.setdefault(member.key, []).append(_single(member, data, field))
+        values = row.setdefault(member.key, [])
+        if not isinstance(values, list):
+            raise ValueError(f"its key {member.key!r} is a list and a single value")
+        values.append(_single(member, data, field))
     else:
         row[member.key] = _single(member, data, field)
 
