@@ -137,7 +137,8 @@ class Skeletons:
         starts, lengths = bones.starts[rows], bones.lengths[rows]
         order = np.argsort(lengths, kind="stable")
         edges = np.flatnonzero(np.diff(lengths[order])) + 1
-        for same in np.split(order, edges):
+        # Those that came first are learned first, so that the schema names fields in the order in which they came.
+        for same in sorted(np.split(order, edges), key=lambda same: same[:1].tolist()):
             length = int(lengths[same[0]]) if len(same) else 0
             self._classify_length(bones, rows[same], starts[same], length, forms, same)
         if len(rows):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ..codecs.codec import Codec
 from ..codecs.decode import codec_of
 from ..inspect import topic_schema
 from ..mcap import stored_messages
-from ..mcap.chunk_writer import build_block, compressor
+from ..mcap.chunk_writer import PackedChunk, build_block, compressor
 from ..mcap.file_output import MemoryOutput
 from ..mcap.file_writer import FileWriter
 from ..mcap.message import CHUNK_BYTES, Connection, MessageBlock
@@ -37,32 +37,47 @@ def render(part: TopicPart) -> bytes:
     writer = FileWriter(MemoryOutput())
     writer.begin()
     channels = part.stored.channels
-    blocks: Iterator[MessageBlock] = iter(())
     if channels and (part.stored.is_track or part.columns is not None):
         codec = _codec(channels)
+        # The schema of some encodings is known when all rows are encoded, and stands before them.
+        chunks = list(_packed(_rows(part, codec)))
         writer.add_connection(1, _connection_of_rows(part, channels, codec))
-        blocks = _rows(part, codec)
+        _add(writer, chunks)
     elif channels:
-        blocks = _messages(part, _register(writer, channels))
-    compress = compressor(RecorderOptions())
-    for block in stored_messages.joined(blocks, CHUNK_BYTES):
-        writer.add_chunk(build_block(block, compress))
+        _add(writer, _packed(_messages(part, _register(writer, channels))))
     writer.write_end()
     return writer.output.data()
 
 
+def _packed(blocks: Iterator[MessageBlock]) -> Iterator[PackedChunk]:
+    compress = compressor(RecorderOptions())
+    for block in stored_messages.joined(blocks, CHUNK_BYTES):
+        yield build_block(block, compress)
+
+
+def _add(writer: FileWriter[MemoryOutput], chunks: Iterable[PackedChunk]) -> None:
+    for chunk in chunks:
+        writer.add_chunk(chunk)
+
+
 def _codec(channels: list[tuple[File, Channel]]) -> Codec:
     """Return the codec that the rows were recorded with; that of JSON where there are several, or none that encodes."""
-    codec = codec_of(channels[-1][1]) if len({channel.message_encoding for _, channel in channels}) == 1 else None
-    return codec if isinstance(codec, Codec) else json.CODEC
+    file, channel = channels[-1]
+    codec = codec_of(channel) if len({channel.message_encoding for _, channel in channels}) == 1 else None
+    if not isinstance(codec, Codec):
+        return json.CODEC
+    schema = file.index.schema_of(channel)
+    return codec.for_channel(channel.topic, schema.data if schema is not None else b"")
 
 
 def _connection_of_rows(part: TopicPart, channels: list[tuple[File, Channel]], codec: Codec) -> Connection:
     file, channel = channels[-1]
     schema = file.index.schema_of(channel)
-    name = schema.name if schema is not None else part.topic
-    text = schema.data if schema is not None and codec.schema_encoding != "jsonschema" else b""
-    text = text or dumps(topic_schema.read(channels) or _ANYTHING)
+    if codec.follows_shapes:
+        name = schema.name if schema is not None else part.topic
+        text = dumps(topic_schema.read(channels) or _ANYTHING)
+    else:
+        name, text = codec.schema_name(part.topic), codec.schema(None, part.topic)
     metadata = {key: text for _, channel in channels for key, text in channel.metadata.items()}
     return Connection(part.topic, name, codec.schema_encoding, text, codec.message_encoding, tuple(metadata.items()))
 

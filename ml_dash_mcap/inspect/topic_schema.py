@@ -1,14 +1,15 @@
-"""Merges the JSON Schemas that a topic has in its segments into one."""
+"""Merges the schemas that a topic has in its segments into one JSON Schema."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import orjson
 
 from ..codecs import json_depth
-from ..mcap.records import Channel
+from ..mcap.records import Channel, Schema
 from ..query.file import File
 from ..rows import schema
 from ..rows.plain_row import TIME_KEY
@@ -17,21 +18,37 @@ from .field_shapes import Field
 
 
 def read(channels: Iterable[tuple[File, Channel]]) -> dict[str, Any]:
-    """Return a topic's JSON Schema, merged over its channels; empty if it has none."""
+    """Return the JSON Schema of a topic's rows, merged over its channels; empty if none is known."""
     merged: dict[str, Any] = {}
     for file, channel in channels:
         described = file.index.schema_of(channel)
-        if described is None or described.encoding != "jsonschema":
-            continue
-        if not json_depth.is_within(described.data, json_depth.MOST):
-            continue
-        try:
-            parsed = orjson.loads(described.data)
-        except orjson.JSONDecodeError:
-            continue
-        if isinstance(parsed, dict):
+        parsed = None if described is None else _parsed(described, channel.topic)
+        if parsed is not None:
             merged = _merge_schemas(merged, parsed) if merged else parsed
     return merged
+
+
+def _parsed(described: Schema, topic: str) -> dict[str, Any] | None:
+    """Return the JSON Schema that one schema says; None if it says none."""
+    if described.encoding == "protobuf":
+        return _of_descriptors(described.data, described.name, topic)
+    if described.encoding != "jsonschema" or not json_depth.is_within(described.data, json_depth.MOST):
+        return None
+    try:
+        parsed = orjson.loads(described.data)
+    except orjson.JSONDecodeError:
+        return None
+    return parsed if isinstance(parsed, dict) else None
+
+
+@functools.lru_cache(maxsize=256)
+def _of_descriptors(descriptors: bytes, name: str, topic: str) -> dict[str, Any] | None:
+    """Return the JSON Schema of rows that are messages of a type of ours; None for messages of other types."""
+    # Imported here, as they bring protobuf.
+    from ..codecs.proto import descriptor, layout_shape
+
+    layout = descriptor.decode(descriptors, name)
+    return None if layout is None else schema.to_json(layout_shape.of_layout(layout), topic)
 
 
 def fields(described: Mapping[str, Any]) -> dict[str, Field]:

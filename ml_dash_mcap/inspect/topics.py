@@ -38,7 +38,7 @@ class TopicInfo:
     """Dotted field name to its type and shape, as the schema has it, or else as the first row has it; the lengths of
     lists in protobuf are those of the first row."""
     schema: Mapping[str, Any] = field(default_factory=dict)
-    """The JSON Schema, merged over all segments; empty for other schema encodings."""
+    """The JSON Schema of the rows, merged over all segments; empty for messages of types in other languages."""
     encoding: str = "json"
     """How its messages are encoded: "json", "protobuf", "cbor", "cdr", "ros1", ..."""
     exact_fields: tuple[str, ...] = ()

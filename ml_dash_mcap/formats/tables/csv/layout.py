@@ -30,6 +30,7 @@ class CsvLayout:
             columns: Dotted names of those wanted; None for all.
         """
         self._shapes: dict[str, Shape] = {name: values for name, values in _expected(info) if is_wanted(name, columns)}
+        self._places = {encodable(name): place for place, name in enumerate(info.fields)}
 
     def add(self, block: Block) -> None:
         """Make room for the values of a block."""
@@ -59,7 +60,8 @@ class CsvLayout:
         for name, column in block.columns.items():
             if name != TIME_KEY:
                 widened[name] = widened.get(name, NOTHING) | shape_of(column)
-        return widened
+        # Not all that the schema names has lengths there: which do differs between the encodings of rows.
+        return dict(sorted(widened.items(), key=lambda item: self._places.get(item[0], len(self._places))))
 
     def _kept(self) -> dict[str, Lengths | None]:
         """Return the lengths of the fields; one that was None here and a dict there has those of its keys."""

@@ -37,6 +37,7 @@ class ParquetLayout:
         """
         self._flat = flat
         self._shapes = {name: values for name, values in _expected(info) if is_wanted(name, columns)}
+        self._places = {encodable(name): place for place, name in enumerate(info.fields)}
         self._literal = {name for name in properties_of(info.schema) if "." in name}
         units = info.metadata.get("units")
         self._units = flatten({**units, TIME_KEY: "s"}, TIME_KEY) if isinstance(units, Mapping) else {}
@@ -83,7 +84,8 @@ class ParquetLayout:
         widened: dict[str, Shape] = {}
         for name in {**self._shapes, **{name: None for name in block.columns if name != TIME_KEY}}:
             widened[name] = self._shapes.get(name, new) | shape_of(_values(block, name))
-        return widened
+        # Not all that the schema names has lengths there: which do differs between the encodings of rows.
+        return dict(sorted(widened.items(), key=lambda item: self._places.get(item[0], len(self._places))))
 
     def _kept(self) -> dict[str, Shape]:
         """Return the columns; a field that was None in some rows and a dict in others has those of its keys."""
