@@ -14,6 +14,7 @@ from mcap.reader import Summary
 from mcap.records import ChunkIndex
 
 from ml_dash_mcap.capture.topic_registry import TopicAbout
+from ml_dash_mcap.codecs.own_rows import own_schema
 from ml_dash_mcap.options import RecorderOptions
 from ml_dash_mcap.recorder import Recorder, open_topic
 from ml_dash_mcap.recording import Recording
@@ -21,7 +22,6 @@ from ml_dash_mcap.topic import EventTopic
 from tests.support import disk
 
 LOG = "ml_dash/log"
-LOG_SCHEMA = {"type": "object", "properties": {"message": {"type": "string"}, "_ts": {"type": "number"}}}
 
 
 def summary(path: Path) -> Summary:
@@ -145,9 +145,8 @@ class Events(EventTopic):
 
 
 def log(recorder: Recorder, message: str) -> None:
-    open_topic(recorder, LOG, "log", Events, TopicAbout(schema=LOG_SCHEMA, schema_name="foxglove.Log")).add(
-        {"message": message}
-    )
+    about = TopicAbout(schema=own_schema("ml_dash.log", "foxglove.Log"))
+    open_topic(recorder, LOG, "log", Events, about).add({"message": message})
 
 
 @pytest.mark.parametrize("flushed", [False, True], ids=["in one block", "flushed before"])

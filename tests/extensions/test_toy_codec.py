@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,14 @@ from ml_dash_mcap import Experiment, Recorder, RecorderOptions, Recording
 from ml_dash_mcap.codecs import codec_table
 from ml_dash_mcap.codecs import json as json_codec
 from ml_dash_mcap.codecs.encoded_channel import Row
+from ml_dash_mcap.codecs.own_rows import own_schema
 from ml_dash_mcap.codecs.row_codec import RowCodec
 from ml_dash_mcap.errors import OptionError, TopicError, UndecodedWarning
 from ml_dash_mcap.mcap.file_reader import McapFile
 from ml_dash_mcap.mcap.records import Schema
 from ml_dash_mcap.recovery.unfinished_segments import finish
 from ml_dash_mcap.rows.shape import Shape
+from ml_dash_mcap.run import logs
 from tests.support import disk
 
 ENCODING = "toy"
@@ -262,6 +265,7 @@ def record_and_read(root: Path, monkeypatch: pytest.MonkeyPatch, codec: Any) -> 
     """Record with a codec that fails, read without it that no row is lost, and return the recorder's statistics."""
     with monkeypatch.context() as failing_codecs:
         failing_codecs.setattr(codec_table, "find", lambda encoding: codec)
+        failing_codecs.setattr(logs, "own_schema", lambda *names: replace(own_schema(*names), codec=codec))
         with Experiment("a/b", root=root, options=RecorderOptions(flush_interval_s=60)).run as exp:
             exp.log("before the first row of a track")
             arm = exp.tracks("arm")
