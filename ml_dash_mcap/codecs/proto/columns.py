@@ -75,8 +75,7 @@ class ProtobufColumnReader:
         decode = self._decoder()
         if not isinstance(decode, RowDecoder) or not len(payloads):
             return [], np.arange(len(payloads))
-        in_one_array = payloads if isinstance(payloads, Payloads) else payload_arrays.of_list(payloads)
-        return form_search.forms_of(in_one_array, decode.layout)
+        return form_search.forms_of(_in_one_array(payloads), decode.layout)
 
     def _arrays(self, form: RowForm) -> Iterator[tuple[str, pa.Array]]:
         """Yield the columns of a form by dotted name."""
@@ -89,6 +88,11 @@ class ProtobufColumnReader:
             if is_wanted(name, self._columns) or is_wanted(FIELD_PREFIX + name, self._columns):
                 yield encodable(name), _array(node, values, len(form.rows.which))
         yield TIME_KEY, value_arrays.of_values(TIME_MEMBER, [values[form.template.time]])
+
+
+def _in_one_array(payloads: Sequence[bytes]) -> Payloads:
+    """Return payloads with some bytes behind the last, where the walk through rows may look."""
+    return payload_arrays.joined([payloads if isinstance(payloads, Payloads) else payload_arrays.of_list(payloads)])
 
 
 # -- columns -----------------------------------------------------------------------------------------------------------
