@@ -18,6 +18,9 @@ BLANKS_BEHIND = 8
 _WORTH_HOLDING = 2
 """A chunk is held for messages that are at least one part in so many of it; fewer are copied out of it."""
 
+_LONG = 16 * 1024
+"""Payloads of more bytes than this, about, are long ones."""
+
 _HEAD = np.dtype((np.void, MESSAGE_HEAD_BYTES))
 _BLANKS = b" " * MESSAGE_HEAD_BYTES
 _BLANK_HEAD = np.frombuffer(_BLANKS, _HEAD)[0]
@@ -58,6 +61,8 @@ class Payloads(Sequence[bytes]):
         return self._list(self.starts[which], self.ends[which])
 
     def _list(self, starts: npt.NDArray[np.int64], ends: npt.NDArray[np.int64]) -> list[bytes]:
+        if len(self.data) > _LONG * len(starts):  # a copy of all would take as much memory again
+            return [self.data[start:end].tobytes() for start, end in zip(starts.tolist(), ends.tolist(), strict=True)]
         data = self.data.tobytes()  # of which parts are copied faster than of an array
         return [data[start:end] for start, end in zip(starts.tolist(), ends.tolist(), strict=True)]
 
@@ -81,11 +86,17 @@ def of_list(payloads: Sequence[bytes]) -> Payloads:
 
 def of_messages(messages: Messages) -> Payloads:
     """Return the payloads of messages, copied out of their chunk unless they are most of it."""
+    view = view_of(messages)
+    return of_list(messages.payloads) if view is None else view
+
+
+def view_of(messages: Messages) -> Payloads | None:
+    """Return the payloads of messages as they lie in their chunk, if they are most of it and lie next to each other."""
     starts, ends = messages.offsets, messages.ends
     if not len(starts) or int(ends[-1] - starts[0]) * _WORTH_HOLDING < len(messages.data):
-        return of_list(messages.payloads)
+        return None
     if not bool((starts[1:] == ends[:-1]).all()):  # something else lies between them
-        return of_list(messages.payloads)
+        return None
     return Payloads(np.frombuffer(messages.data, np.uint8), starts + MESSAGE_HEAD_BYTES, ends, has_heads=True)
 
 

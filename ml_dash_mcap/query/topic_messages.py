@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from ..codecs import payloads as payload_arrays
 from ..mcap import audit
 from ..mcap.chunk_messages import Messages
 from ..mcap.file_index import ReindexedError, replanned
@@ -61,7 +62,7 @@ class MessageBatch:
     times_ns: npt.NDArray[np.uint64]
     published_ns: npt.NDArray[np.uint64]
     sequences: npt.NDArray[np.uint32]
-    payloads: list[bytes]
+    payloads: Sequence[bytes]
     origins: list[MessageOrigin]
     origin_of: npt.NDArray[np.intp]
     """For each message, which of `origins`."""
@@ -217,9 +218,9 @@ def merge(cuts: Sequence[Cut]) -> MessageBatch:
     if len(cuts) == 1 and time_order.is_in_order(cuts[0].times_ns, cuts[0].messages.offsets):
         messages, origin = cuts[0].messages, cuts[0].origin
         origin_of = np.zeros(len(messages), np.intp)
-        return MessageBatch(
-            messages.times_ns, messages.published_ns, messages.sequences, messages.payloads, [origin], origin_of
-        )
+        view = payload_arrays.view_of(messages)
+        stored = messages.payloads if view is None else view
+        return MessageBatch(messages.times_ns, messages.published_ns, messages.sequences, stored, [origin], origin_of)
     times = np.concatenate([cut.times_ns for cut in cuts])
     written = np.concatenate([cut.written for cut in cuts])
     origin_of = np.repeat(np.arange(len(cuts)), [len(cut.messages) for cut in cuts])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import Any, SupportsIndex
 
@@ -145,7 +145,7 @@ def _decode(batch: MessageBatch, decoders: dict[tuple[str, int], Decoder]) -> It
 
 def decode(
     origin: MessageOrigin,
-    payloads: list[bytes],
+    payloads: Sequence[bytes],
     times_ns: npt.NDArray[np.uint64],
     decoders: dict[tuple[str, int], Decoder],
 ) -> Iterator[Row | None]:
@@ -169,9 +169,9 @@ def decode(
     if block is not None:
         yield from _by_runs(origin, block, payloads, times_ns, decode_one)
         return
-    codec = codec_of(origin.channel)
-    for start in range(0, len(payloads), _AT_ONCE):
-        some, their_ns = payloads[start : start + _AT_ONCE], times_ns[start : start + _AT_ONCE]
+    codec, each = codec_of(origin.channel), payloads if isinstance(payloads, list) else list(payloads)
+    for start in range(0, len(each), _AT_ONCE):
+        some, their_ns = each[start : start + _AT_ONCE], times_ns[start : start + _AT_ONCE]
         plain = None if codec is None else _plain(codec, some, their_ns)
         yield from _one_by_one(origin, some, their_ns, decode_one) if plain is None else plain
 
@@ -179,7 +179,7 @@ def decode(
 def _by_runs(
     origin: MessageOrigin,
     block: DecodableBlock,
-    payloads: list[bytes],
+    payloads: Sequence[bytes],
     times_ns: npt.NDArray[np.uint64],
     decode_one: Decoder,
 ) -> Iterator[Row | None]:
@@ -192,6 +192,7 @@ def _by_runs(
                 with suppress(ValueError):  # one of them does not fit its schema
                     rows = decode_some(start, end)
             if rows is None:
+                payloads = payloads if isinstance(payloads, list) else list(payloads)
                 yield from _one_by_one(origin, payloads[start:end], times_ns[start:end], decode_one)
             else:
                 yield from rows

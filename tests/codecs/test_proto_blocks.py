@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from ml_dash_mcap.codecs.payloads import Payloads
 from ml_dash_mcap.codecs.proto import form_search, row_decoder
 from ml_dash_mcap.codecs.proto.row_decoder import RowDecoder
+from ml_dash_mcap.mcap.message_records import MESSAGE_HEAD_BYTES
 from tests.support.examples import examples
 from tests.support.protobuf_rows import MUTATIONS, ROBOT, damaged, recorded
 from tests.support.row_shapes import tables
@@ -24,10 +27,24 @@ def _every_form_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(row_decoder, "LEAST_ROWS", 1)
 
 
+def in_a_chunk(payloads: list[bytes]) -> Payloads:
+    """Lay rows out as they lie in a chunk, each behind the head of its message."""
+    head = b"\x05" * MESSAGE_HEAD_BYTES
+    ends = np.cumsum([len(payload) + len(head) for payload in payloads])
+    starts = ends - [len(payload) for payload in payloads]
+    return Payloads(np.frombuffer(head + head.join(payloads), np.uint8), starts, ends, has_heads=True)
+
+
 def check(payloads: list[bytes], decoder: RowDecoder) -> int:
     """Compare rows that are decoded together with the same rows one by one; returns how many these are."""
+    count = compare(payloads, payloads, decoder)
+    assert compare(payloads, in_a_chunk(payloads), decoder) == count
+    return count
+
+
+def compare(payloads: list[bytes], laid_out: Sequence[bytes], decoder: RowDecoder) -> int:
     count = 0
-    block = decoder.block(payloads)
+    block = decoder.block(laid_out)
     assert block is not None
     expected_start = 0
     for start, end, decode in block.runs(~np.isnan(block.times)):

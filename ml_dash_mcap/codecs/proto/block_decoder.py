@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ...mcap.message_records import MESSAGE_HEAD_BYTES
 from ...rows.plain_row import TIME_KEY
 from .. import payloads as payload_arrays
 from ..encoded_channel import DecodedRun, Row
@@ -30,8 +31,8 @@ _MOST_NAMED = 16
 """Lists with more numbers are read by numpy, others together with the rest of their row."""
 
 DecodeSome = Callable[[Any], list[Row]]
-"""Decodes rows of one template: their bytes with one more between each two of them and at the end, if the template is
-fixed; otherwise a sequence of rows."""
+"""Decodes rows of one template: their bytes with what lies between them, if the template is fixed; otherwise a sequence
+of rows."""
 
 
 _MOST_REMEMBERED = 8
@@ -48,15 +49,16 @@ class BlockReader:
             layout: Of its rows.
         """
         self._layout = layout
-        self._templates: list[tuple[RowTemplate, DecodeSome]] = []
-        """Those that some rows had lately, the latest first."""
+        self._templates: dict[bool, list[tuple[RowTemplate, DecodeSome]]] = {False: [], True: []}
+        """Those that some rows had lately, the latest first, of rows without and with the heads of their messages."""
 
     def block(self, payloads: Sequence[bytes]) -> RowBlock:
         """Look at rows."""
-        in_one_array = payload_arrays.of_list(payloads)
+        in_one_array = payloads if isinstance(payloads, Payloads) else payload_arrays.of_list(payloads)
+        has_heads = in_one_array.has_heads
         block = RowBlock(payloads, in_one_array)
         waiting = np.arange(len(payloads))
-        for template, decode in self._templates:
+        for template, decode in self._templates[has_heads]:
             if len(waiting) < form_search.LEAST_ROWS:
                 return block
             rows = row_match.match(in_one_array, waiting, template)
@@ -65,9 +67,10 @@ class BlockReader:
                 waiting = form_search.without(waiting, rows.which)
         forms, _ = form_search.forms_of(in_one_array, self._layout, waiting)
         for form in forms:
-            new_decode = compiled(form.template)
+            new_decode = compiled(form.template, MESSAGE_HEAD_BYTES if has_heads else 0)
             if new_decode is not None:
-                self._templates = [(form.template, new_decode), *self._templates][:_MOST_REMEMBERED]
+                latest = [(form.template, new_decode), *self._templates[has_heads]]
+                self._templates[has_heads] = latest[:_MOST_REMEMBERED]
                 block.add(form.rows, form.template, new_decode)
         return block
 
@@ -111,23 +114,31 @@ class RowBlock:
     def _decoded(self, form: tuple[RowTemplate, DecodeSome], start: int, end: int) -> list[Row]:
         template, decode = form
         if not template.is_fixed:
+            if not isinstance(self._payloads, list):
+                self._payloads = list(self._payloads)
             return decode(self._payloads[start:end])
-        # Rows of one length lie one behind the other, with a byte between them.
-        first = int(self._in_one_array.starts[start])
-        return decode(self._in_one_array.data.data[first : first + (end - start) * (template.length + 1)])
+        # Rows of one length lie at equal distances: with the head of its message before each, or a byte behind it.
+        rows = self._in_one_array
+        before, behind = (MESSAGE_HEAD_BYTES, 0) if rows.has_heads else (0, 1)
+        first = int(rows.starts[start]) - before
+        return decode(rows.data.data[first : first + (end - start) * (before + template.length + behind)])
 
 
 # -- code --------------------------------------------------------------------------------------------------------------
 
 
-def compiled(template: RowTemplate) -> DecodeSome | None:
+def compiled(template: RowTemplate, before: int = 0) -> DecodeSome | None:
     """Return a function that decodes rows of a template; None where it is nested too deep.
 
     It raises a `ValueError` if a text in one of them is no UTF-8.
+
+    Args:
+        template: Of the rows.
+        before: How many bytes lie before each row, if the template is fixed; if there are none, one lies behind it.
     """
     if _depth(template.row) > _MOST_DEPTH:
         return None
-    code = _Code(template)
+    code = _Code(template, before)
     return _compiled(code.source(), tuple(code.formats), tuple(code.lists))
 
 
@@ -159,7 +170,8 @@ def _compiled(source: str, formats: tuple[str, ...], lists: tuple[tuple[str, tup
 class _Code:
     """Writes the function for one template."""
 
-    def __init__(self, template: RowTemplate) -> None:
+    def __init__(self, template: RowTemplate, before: int) -> None:
+        self._before = before
         self.formats: list[str] = []
         self.lists: list[tuple[str, tuple[int, ...]]] = []
         self._template = template
@@ -170,7 +182,7 @@ class _Code:
         """Return the source of the function `decode`."""
         template = self._template
         if template.is_fixed:
-            names = self._fixed(0, template.length, between=1)
+            names = self._fixed(0, template.length, self._before, 0 if self._before else 1)
             return f"def decode(rows): return [{self._row()} for ({names}) in iterate0(rows)]"
         lines = ["rows = []", "for data in payloads:", " at = 0"]
         for number, step in enumerate(template.steps):
@@ -189,15 +201,16 @@ class _Code:
             return [*size, f"{name} = data[at:at + size]", "at += size"]
         return size if isinstance(step, Enter) else []
 
-    def _fixed(self, number: int, length: int, between: int = 0) -> str:
+    def _fixed(self, number: int, length: int, before: int = 0, behind: int = 0) -> str:
         """Take the values of a run; returns the names that they are unpacked to.
 
         Args:
             number: Of the step.
             length: Of the run.
-            between: How many bytes lie between this run and the same one of the next row.
+            before: How many bytes lie before each row.
+            behind: How many bytes lie behind it.
         """
-        format_, names, at = "<", "", 0
+        format_, names, at = f"<{before}x", "", 0
         for value, place in enumerate(self._template.places):
             if place is None or place.step != number:
                 continue
@@ -206,7 +219,7 @@ class _Code:
             names += "".join(f"{name}, " for name in own_names)
             at = place.at + place.length
             self._terms[value] = term
-        self.formats.append(f"{format_}{length + between - at}x")
+        self.formats.append(f"{format_}{length + behind - at}x")
         return names
 
     def _value(self, value: int, length: int) -> tuple[str, Sequence[str], str]:

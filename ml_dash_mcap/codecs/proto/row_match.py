@@ -167,7 +167,7 @@ class _Walk:
 
     def _length(self) -> Numbers:
         """Read a length. It is 0 in rows that do not hold as many bytes."""
-        first = self._data[self._at]  # there are bytes behind the end of each row
+        first = self._byte(self._at)
         lengths = first.astype(np.int64)
         at = self._at + 1
         if bool((first >= 0x80).any()):
@@ -177,11 +177,15 @@ class _Walk:
         self._is_match &= fits
         return lengths if fits.all() else np.where(fits, lengths, 0)
 
+    def _byte(self, at: Numbers) -> Bytes:
+        # Where a row ends here, any byte will do, because no row goes on behind its end.
+        return self._data[np.minimum(at, len(self._data) - 1)]
+
     def _long_lengths(self) -> tuple[Numbers, Numbers]:
         at, lengths = self._at.copy(), np.zeros(len(self._at), np.int64)
         goes_on = np.ones(len(at), np.bool_)
         for place in range(_MOST_VARINT_BYTES):
-            byte = self._data[at].astype(np.int64)
+            byte = self._byte(at).astype(np.int64)
             lengths += np.where(goes_on, (byte & 0x7F) << 7 * place, 0)
             at += goes_on
             goes_on &= byte >= 0x80
