@@ -30,7 +30,7 @@ _MOST_FORMS = 4096
 """Of a channel; then its forms are forgotten."""
 
 
-class Form(NamedTuple):
+class FieldForm(NamedTuple):
     """What rows of one form have in common."""
 
     numbers: tuple[int, ...]
@@ -44,7 +44,7 @@ class ProtobufForms:
 
     def __init__(self) -> None:
         self._codecs: dict[int, Codec] = {}
-        self._forms: dict[int, dict[Form, int]] = {}
+        self._forms: dict[int, dict[FieldForm, int]] = {}
 
     @property
     def size(self) -> int:
@@ -104,12 +104,12 @@ class ProtobufForms:
         keys = (names.get(number) or layout.by_number[number].key for number in numbers)
         return exact_keys.union(keys)
 
-    def _number_of(self, channel: int, form: Form) -> int:
+    def _number_of(self, channel: int, form: FieldForm) -> int:
         forms = self._forms.setdefault(channel, {})
         return forms.setdefault(form, len(forms))
 
 
-def _form(payload: bytes) -> Form:
+def _form(payload: bytes) -> FieldForm:
     fields = list(wire.fields(payload))
     keys = frozenset(
         key
@@ -117,7 +117,7 @@ def _form(payload: bytes) -> Form:
         if field.number == EXACT_NUMBER
         for key in exact_values.top_level_keys(payload[field.value_start : field.end])
     )
-    return Form(tuple(dict.fromkeys(field.number for field in fields)), keys)
+    return FieldForm(tuple(dict.fromkeys(field.number for field in fields)), keys)
 
 
 def _are_like(first: bytes, rows: Rows, which: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:

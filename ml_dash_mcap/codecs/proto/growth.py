@@ -39,11 +39,11 @@ class Growth:
         return draft.layout()
 
     def _take(self, draft: _Draft, key: str, value: Any, depth: int) -> None:
-        found = fit(value)
-        if found is None:
+        fitting = fit(value)
+        if fitting is None:
             return
-        slot = found.slot
-        member = member_for(draft, key, slot, value if not slot.is_list else found.leaves)
+        slot = fitting.slot
+        member = member_for(draft, key, slot, value if not slot.is_list else fitting.leaves)
         if member is None:
             member = self._new_member(draft.next_number, key, slot, depth)
             if member is None:
@@ -51,7 +51,7 @@ class Growth:
             draft.put(member)
         if slot.kind is Kind.DICT:
             inner = member.inner or Layout()
-            for dict_ in found.leaves if slot.is_list else (value,):
+            for dict_ in fitting.leaves if slot.is_list else (value,):
                 inner = self.widened(inner, dict_, depth + 1)
             if inner is not member.inner:
                 draft.put(replace(member, inner=inner))

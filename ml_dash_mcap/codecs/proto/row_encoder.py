@@ -63,11 +63,11 @@ class RowEncoder:
 
     def _value(self, layout: Layout, key: str, value: Any, parent: str, path: str) -> bytes:
         place = exact_values.pointer(parent, key)
-        found = fit(value)
-        if found is None:
+        fitting = fit(value)
+        if fitting is None:
             return self._without_slot(layout, key, value, place, path)
-        slot = found.slot
-        member = member_for(layout, key, slot, found.leaves if slot.is_list else value)
+        slot = fitting.slot
+        member = member_for(layout, key, slot, fitting.leaves if slot.is_list else value)
         if member is None:
             return self._leave(key, value, place, path)
         if not slot.is_list:
@@ -76,12 +76,12 @@ class RowEncoder:
             inner = member.inner or Layout()
             dicts = [
                 self._dict(inner, dict_, exact_values.pointer(place, index), f"{path}{key}.")
-                for index, dict_ in enumerate(found.leaves)
+                for index, dict_ in enumerate(fitting.leaves)
             ]
             return b"".join([wire.delimited(member.number, content) for content in dicts])
         if member.slot.kind is Kind.DOUBLE:
-            self._note_integers(found, value, place)
-        return encode_list(member, found.leaves)
+            self._note_integers(fitting, value, place)
+        return encode_list(member, fitting.leaves)
 
     def _without_slot(self, layout: Layout, key: str, value: Any, place: str, path: str) -> bytes:
         if isinstance(value, (list, tuple)) and not value:
@@ -103,17 +103,17 @@ class RowEncoder:
             self.exact[place] = value
         return encode_single(member, value)
 
-    def _note_integers(self, found: Fit, value: Any, place: str) -> None:
+    def _note_integers(self, fitting: Fit, value: Any, place: str) -> None:
         """Note which elements of a list of doubles are integers."""
-        integers = [at for at, leaf in enumerate(found.leaves) if type(leaf) is int]
+        integers = [at for at, leaf in enumerate(fitting.leaves) if type(leaf) is int]
         if not integers:
             return
         if len(integers) > MOST_SINGLE_INTEGERS:
             self.exact[place] = value
             return
-        lengths = found.slot.lengths or ()
+        lengths = fitting.slot.lengths or ()
         for at in integers:
-            self.exact[element_pointer(place, at, lengths)] = found.leaves[at]
+            self.exact[element_pointer(place, at, lengths)] = fitting.leaves[at]
 
 
 def element_pointer(place: str, at: int, lengths: Sequence[int]) -> str:
