@@ -13,12 +13,11 @@ logs a row is compiled into the timed loop, as `timeit` does it: no wrapper's co
 from __future__ import annotations
 
 import gc
-import json
 import tempfile
 import time
 from array import array
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from itertools import islice
 from math import ceil
@@ -28,16 +27,13 @@ from typing import Any
 import kernel
 import report
 import rounds
+from recorders import CONTENDERS, KEYWORDS, Contender, Names
 from report import Figures, Results
-from robot_rows import BLOCK_ROWS, PERIOD_S, SCHEMA, TOPICS, Row, fresh_blocks, fresh_rows
+from robot_rows import BLOCK_ROWS, PERIOD_S, TOPICS, Row, fresh_blocks, fresh_rows
 
 MEMORY_SAMPLES = 10
 
-KEYWORDS = "q=q, qd=qd, tau=tau, ee_pos=ee_pos, ee_quat=ee_quat, gripper=gripper"
-DICT = '{"q": q, "qd": qd, "tau": tau, "ee_pos": ee_pos, "ee_quat": ee_quat, "gripper": gripper}'
-DICT_TS = DICT.replace("}", ', "_ts": t}')
 THIRDS = ("q=q, qd=qd", "tau=tau, ee_pos=ee_pos", "ee_quat=ee_quat, gripper=gripper")
-Names = dict[str, Any]  # what a contender's statement may use; "topics" holds one value a topic
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,131 +49,6 @@ class Sizes:
 QUICK = Sizes(rows=5_000, column_rows=20_000, tick_s=0.3, memory_rows=20_000)
 
 
-# The contenders: how each is opened, and the statement that its users write.
-
-
-@contextmanager
-def nothing(folder: Path, topics: list[str]) -> Iterator[Names]:
-    yield {"topics": topics}
-
-
-@contextmanager
-def our_recorder(folder: Path, topics: list[str]) -> Iterator[Names]:
-    from ml_dash_mcap import Recorder, RecorderOptions
-
-    with Recorder(folder, RecorderOptions(compression="zstd")) as rec:
-        yield {"topics": [rec.topic(name) for name in topics]}
-
-
-@contextmanager
-def our_experiment(folder: Path, topics: list[str]) -> Iterator[Names]:
-    from ml_dash_mcap import Experiment
-
-    with Experiment(prefix="bench/append", root=folder).run as exp:
-        yield {"topics": topics, "exp": exp}
-
-
-@contextmanager
-def foxglove_sdk(folder: Path, topics: list[str]) -> Iterator[Names]:
-    import foxglove
-    import orjson
-
-    channels = [foxglove.Channel(name, schema=SCHEMA, message_encoding="json") for name in topics]
-    with foxglove.open_mcap(folder / "foxglove.mcap"):  # as it comes: zstd, chunks of 1 MiB
-        yield {"topics": channels, "dumps": orjson.dumps}
-
-
-@contextmanager
-def mcap_writer(folder: Path, topics: list[str]) -> Iterator[Names]:
-    from mcap.writer import Writer
-
-    writer = Writer(str(folder / "mcap.mcap"))  # as it comes: zstd, chunks of 1 MiB
-    writer.start()
-    schema = writer.register_schema("robot", "jsonschema", json.dumps(SCHEMA).encode())
-    channels = [writer.register_channel(name, "json", schema) for name in topics]
-    yield {"topics": channels, "writer": writer, "dumps": json.dumps}
-    writer.finish()
-
-
-@contextmanager
-def ml_dash(folder: Path, topics: list[str]) -> Iterator[Names]:
-    from ml_dash import Experiment
-
-    with Experiment(prefix="bench/append/run", dash_root=str(folder)).run as exp:
-        yield {"topics": topics, "exp": exp}
-
-
-@contextmanager
-def dreamlake(folder: Path, topics: list[str]) -> Iterator[Names]:
-    from dreamlake import Episode
-
-    with Episode(prefix="bench/append", root=str(folder)) as episode:
-        yield {"topics": topics, "episode": episode}
-
-
-def mcap_messages(folder: Path) -> int:
-    """The messages that the statistics of all MCAP files in `folder` count, read by the `mcap` package."""
-    from mcap.reader import make_reader
-
-    count = 0
-    for path in folder.rglob("*.mcap"):
-        with path.open("rb") as file:
-            summary = make_reader(file).get_summary()
-        if summary is None or summary.statistics is None:
-            raise ValueError(f"{path.name} has no statistics: it was not finished")
-        count += summary.statistics.message_count
-    return count
-
-
-def jsonl_lines(folder: Path) -> int:
-    return sum(path.read_bytes().count(b"\n") for path in folder.rglob("*.jsonl"))
-
-
-def dreamlake_points(folder: Path) -> int:
-    found = (json.loads(path.read_text()) for path in folder.rglob("metadata.json"))
-    return sum(int(track.get("totalDataPoints", 0)) for track in found)
-
-
-@dataclass(frozen=True, slots=True)
-class Contender:
-    """One way of logging a row."""
-
-    title: str  # as the tables print it
-    open: Callable[[Path, list[str]], AbstractContextManager[Names]]  # leaving it finishes the file
-    call: str  # logs one row; `topic` is what open() gave for the topic
-    count: Callable[[Path], int]  # the rows found in what it wrote
-    ready: bool = False  # whether the JSON bytes are made before the clock starts
-
-
-FOXGLOVE = "topic.log(%s, log_time=t_ns)"
-CONTENDERS = {
-    "ours": Contender("ml-dash-mcap, Recorder", our_recorder, f"topic.append({KEYWORDS}, _ts=t)", mcap_messages),
-    "experiment": Contender(
-        "ml-dash-mcap, Experiment", our_experiment, f"exp.tracks(topic).append({KEYWORDS}, _ts=t)", mcap_messages
-    ),
-    "columns": Contender(
-        "ml-dash-mcap, columns", our_recorder, f"topic.append_columns({KEYWORDS}, _ts=t)", mcap_messages
-    ),
-    "foxglove-bytes": Contender(
-        "foxglove-sdk, bytes made by orjson", foxglove_sdk, FOXGLOVE % f"dumps({DICT})", mcap_messages
-    ),
-    "foxglove-ts": Contender(
-        "foxglove-sdk, the same with `_ts`", foxglove_sdk, FOXGLOVE % f"dumps({DICT_TS})", mcap_messages
-    ),
-    "foxglove-ready": Contender(
-        "foxglove-sdk, bytes made beforehand", foxglove_sdk, FOXGLOVE % "ready", mcap_messages, ready=True
-    ),
-    "foxglove-dict": Contender("foxglove-sdk, dicts", foxglove_sdk, FOXGLOVE % DICT, mcap_messages),
-    "mcap": Contender(
-        "mcap, json",
-        mcap_writer,
-        f"writer.add_message(topic, log_time=t_ns, data=dumps({DICT}).encode(), publish_time=t_ns)",
-        mcap_messages,
-    ),
-    "ml-dash": Contender("ml-dash", ml_dash, f"exp.tracks(topic).append({KEYWORDS}, _ts=t)", jsonl_lines),
-    "dreamlake": Contender("dreamlake", dreamlake, f"episode.track(topic).append({KEYWORDS}, _ts=t)", dreamlake_points),
-    "nothing": Contender("the clock alone", nothing, "pass", lambda folder: 0),
-}
 PACKAGES = ("ml-dash-mcap", "foxglove-sdk", "mcap", "ml-dash", "dreamlake", "orjson", "numpy", "zstandard")
 
 
@@ -333,7 +204,7 @@ class Measure:
 CALL_TIMES = {"p50_us": "p50, us", "p99_us": "p99, us", "p999_us": "p99.9, us", "max_us": "max, us"}
 DISK = {"rows_per_s": "rows a second", "cpu_us_per_row": "CPU, us a row", "bytes_per_row": "bytes a row"}
 PEERS = ("foxglove-bytes", "foxglove-dict", "mcap", "ml-dash", "dreamlake")
-OURS = ("ours", "experiment")
+OURS = ("ours", "typed", "experiment")
 MEASURES = {
     "latency": Measure("One call, at full speed", latency, (*OURS, "foxglove-ready", *PEERS, "nothing"), CALL_TIMES),
     "sustained": Measure(
@@ -342,7 +213,7 @@ MEASURES = {
         (*OURS, "foxglove-ready", "foxglove-ts", *PEERS),
         DISK,
     ),
-    "columns": Measure(f"Arrays, {BLOCK_ROWS:,} rows a call", columns, ("columns",), DISK),
+    "columns": Measure(f"Arrays, {BLOCK_ROWS:,} rows a call", columns, ("columns", "typed-columns"), DISK),
     "merge": Measure(
         "Three calls a row, merged into one row on disk",
         merge,
@@ -355,13 +226,44 @@ MEASURES = {
         (*OURS, *PEERS),
         {**CALL_TIMES, "over_period_percent": "ticks over 1 ms, %"},
     ),
-    "memory": Measure("Resident memory while an hour is recorded", memory, ("ours", "foxglove-bytes"), {}, once=True),
+    "memory": Measure(
+        "Resident memory while an hour is recorded", memory, ("ours", "typed", "foxglove-bytes"), {}, once=True
+    ),
 }
 
 
 def beside(says: str, measure: str, figure: str, peer: str, **limit: float) -> report.Aim:
     return report.Aim(says, (measure, "ours", figure), (measure, peer, figure), **limit)
 
+
+def typed(says: str, measure: str, figure: str, peer: str, **limit: float) -> report.Aim:
+    return report.Aim(f"protobuf: {says}", (measure, "typed", figure), (measure, peer, figure), **limit)
+
+
+TYPED_AIMS = (
+    typed("call p50, beside foxglove-sdk with bytes", "latency", "p50_us", "foxglove-bytes", at_most=0.9),
+    typed("call p50, beside our JSON", "latency", "p50_us", "ours", at_most=0.8),
+    typed("call p99.9, beside foxglove-sdk with bytes", "latency", "p999_us", "foxglove-bytes", at_most=1.0),
+    typed("call max, beside foxglove-sdk with bytes", "latency", "max_us", "foxglove-bytes", at_most=0.7),
+    typed("rows a second, beside foxglove-sdk with bytes", "sustained", "rows_per_s", "foxglove-bytes", at_least=2.0),
+    typed("CPU a row, beside our JSON", "sustained", "cpu_us_per_row", "ours", at_most=0.55),
+    typed("bytes on disk, beside our JSON", "sustained", "bytes_per_row", "ours", at_most=0.9),
+    report.Aim(
+        "protobuf: append_columns rows a second, beside append of JSON",
+        ("columns", "typed-columns", "rows_per_s"),
+        ("sustained", "ours", "rows_per_s"),
+        at_least=6.0,
+    ),
+    report.Aim(
+        "protobuf: calls a second, three that merge into a row",
+        ("merge", "typed", "calls_per_s"),
+        None,
+        at_least=100_000,
+    ),
+    report.Aim(
+        "protobuf: memory after an hour, beside after a fifth of it", ("memory", "typed", "growth"), None, at_most=1.05
+    ),
+)
 
 AIMS = (
     beside("call p50, beside foxglove-sdk with bytes", "latency", "p50_us", "foxglove-bytes", at_most=1.4),
@@ -382,6 +284,7 @@ AIMS = (
     ),
     report.Aim("calls a second, three that merge into a row", ("merge", "ours", "calls_per_s"), None, at_least=100_000),
     report.Aim("memory after an hour, beside after a fifth of it", ("memory", "ours", "growth"), None, at_most=1.05),
+    *TYPED_AIMS,
 )
 
 

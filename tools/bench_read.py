@@ -58,6 +58,7 @@ class Measure:
     once: bool = False  # whether one round of it is enough
 
 
+OURS = ("ours", "typed")
 PEERS = ("mcap", "mcap-orjson", "mcap-ours", "rosbags", "ml-dash", "dreamlake", "rerun")
 BULK = {
     "seconds": "seconds",
@@ -76,11 +77,11 @@ OPENING = {
 }
 BATCHES = {"rows": "rows", "gb": "GB on disk", "seconds": "seconds", "per_s": "rows a second", "peak_mb": "peak, MB"}
 MEASURES = {
-    "arrow": Measure("One topic of ten, as an Arrow table", read_measures.arrow, ("ours", *PEERS), BULK),
-    "column": Measure("One column of it (`q`, of 7), as an Arrow table", read_measures.column, ("ours", *PEERS), BULK),
-    "rows": Measure("Its rows, as dicts", read_measures.rows, ("ours", *PEERS), BULK),
+    "arrow": Measure("One topic of ten, as an Arrow table", read_measures.arrow, (*OURS, *PEERS), BULK),
+    "column": Measure("One column of it (`q`, of 7), as an Arrow table", read_measures.column, (*OURS, *PEERS), BULK),
+    "rows": Measure("Its rows, as dicts", read_measures.rows, (*OURS, *PEERS), BULK),
     "window": Measure(
-        "One second in the middle, as dicts", read_measures.window, ("ours", "ours-arrow", *PEERS), WINDOW
+        "One second in the middle, as dicts", read_measures.window, (*OURS, "ours-arrow", *PEERS), WINDOW
     ),
     "opening": Measure(
         "Opening, with this library", read_measures.opening, ("minute", "longer", "segments", "topics"), OPENING
@@ -105,6 +106,11 @@ def beside(says: str, measure: str, peer: str, at_least: float | None = None) ->
     return Aim(says, (measure, "ours", "per_s"), (measure, peer, "per_s"), at_least=at_least)
 
 
+def typed(says: str, measure: str, peer: str, at_least: float) -> Aim:
+    says = f"protobuf: {says}, beside {CONTENDERS[peer].title}"
+    return Aim(says, (measure, "typed", "per_s"), (measure, peer, "per_s"), at_least=at_least)
+
+
 AIMS = (
     beside("a topic to Arrow, how often a second", "arrow", "mcap", 10),
     beside("one column to Arrow, how often a second", "column", "mcap", 15),
@@ -125,6 +131,10 @@ AIMS = (
         at_most=1.5,
     ),
     Aim("peak memory of batches(), MB", ("batches", "gigabytes", "peak_mb"), None, at_most=200),
+    typed("a topic to Arrow, how often a second", "arrow", "rerun", 1),
+    typed("one column to Arrow, how often a second", "column", "rerun", 1),
+    typed("rows a second", "rows", "ours", 1.5),
+    typed("a window, how often a second", "window", "ours", 1),
 )
 
 
@@ -209,7 +219,8 @@ def section(results: Results, made: Mapping[str, Figures], count: int, sizes: Si
     seen = {name for _, name in results}
     notes = f"""\
 Written by `tools/bench_read.py`. What is read: {sizes.rows:,} rows over {len(TOPICS)} topics at 1 kHz, rows as in the
-section on appending, logged tick by tick with this library: one MCAP file of {ours:,.0f} MB, JSON, zstd, as it comes.
+section on appending, logged tick by tick with this library: one MCAP file of {ours:,.0f} MB, JSON, zstd, as it comes;
+and one in protobuf.
 The others have the same rows in their own form. Each figure is the median of {count} (lowest to highest), the
 contenders in turn, each time in a process of its own that has read a small recording before. Times begin before opening
 and end when the rows are there; the speed of this library is a ratio of medians, above 1 where it is the faster one.

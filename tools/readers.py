@@ -216,6 +216,7 @@ class Contender:
 
 CONTENDERS = {
     "ours": Contender("ml-dash-mcap", "ours", Ours),
+    "typed": Contender("ml-dash-mcap, protobuf", "typed", Ours),
     "ours-arrow": Contender("ml-dash-mcap, by way of Arrow", "ours", OursAsArrow),
     "mcap": Contender("mcap, json", "mcap", Mcap),
     "mcap-orjson": Contender("mcap, orjson", "mcap", McapOrjson),

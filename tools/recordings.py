@@ -37,13 +37,18 @@ def truth(folder: Path, count: int) -> None:
     numpy.savez(folder / "truth.npz", t=[row[6] for row in rows], q=[row[0] for row in rows])
 
 
-def ours(folder: Path, count: int) -> None:
+def ours(folder: Path, count: int, encoding: str = "json") -> None:
     from ml_dash_mcap import Recorder, RecorderOptions
 
-    with Recorder(folder, RecorderOptions(compression="zstd")) as rec:
+    with Recorder(folder, RecorderOptions(compression="zstd", encoding=encoding)) as rec:
         topics = {name: rec.topic(name) for name in TOPICS}
         for name, (q, qd, tau, ee_pos, ee_quat, gripper, t, *_) in ticks(count):
             topics[name].append(q=q, qd=qd, tau=tau, ee_pos=ee_pos, ee_quat=ee_quat, gripper=gripper, _ts=t)
+
+
+def typed(folder: Path, count: int) -> None:
+    """The same in protobuf."""
+    ours(folder, count, "protobuf")
 
 
 def mcap(folder: Path, count: int) -> None:
@@ -174,6 +179,7 @@ def bytes_on_disk(folder: Path) -> int:
 FORMS: dict[str, Callable[[Path, int], None]] = {
     "truth": truth,
     "ours": ours,
+    "typed": typed,
     "mcap": mcap,
     "rosbag2": rosbag2,
     "ml-dash": ml_dash,
