@@ -37,7 +37,9 @@ class JsonColumnReader:
 
     def read(self, payloads: Sequence[bytes]) -> Columns | None:
         """Return the columns of rows, and which of them are left out."""
-        columns = self._patterns.read(_in_one_array(payloads))
+        columns = None
+        if not payload_arrays.are_large(payloads):
+            columns = self._patterns.read(_in_one_array(payloads))
         return self._read_lines(list(payloads)) if columns is None else columns
 
     def _read_lines(self, payloads: Sequence[bytes]) -> Columns | None:
@@ -57,10 +59,11 @@ class JsonColumnReader:
 
         That they do can be proven from the bytes: there is no null, no key with a dot, and as many dots as doubles.
         """
-        in_one_array = _in_one_array(payloads)
-        columns = self._patterns.read(in_one_array)
-        if columns is not None and not len(columns.others):
-            return columns.arrays if _say_all(in_one_array.data.tobytes(), columns.arrays) else None
+        if not payload_arrays.are_large(payloads):
+            in_one_array = _in_one_array(payloads)
+            columns = self._patterns.read(in_one_array)
+            if columns is not None and not len(columns.others):
+                return columns.arrays if _say_all(in_one_array.data.tobytes(), columns.arrays) else None
         lines = joined(list(payloads))
         arrays = None if lines is None else self._lines.read(lines)
         return arrays if lines is not None and arrays is not None and _say_all(lines.text, arrays) else None

@@ -21,6 +21,9 @@ _WORTH_HOLDING = 2
 _LONG = 16 * 1024
 """Payloads of more bytes than this, about, are long ones."""
 
+_LARGE_BYTES = 64 * 1024
+"""Payloads of so many bytes on average stay apart: nothing is gained by another copy of them, and memory is lost."""
+
 _HEAD = np.dtype((np.void, MESSAGE_HEAD_BYTES))
 _BLANKS = b" " * MESSAGE_HEAD_BYTES
 _BLANK_HEAD = np.frombuffer(_BLANKS, _HEAD)[0]
@@ -116,6 +119,19 @@ def joined(parts: Sequence[Payloads]) -> Payloads:
     ends = [part.ends - part.starts[0] + place for part, place in zip(parts, places, strict=False)]
     none = np.empty(0, np.int64)
     return Payloads(data, np.concatenate([none, *starts]), np.concatenate([none, *ends]))
+
+
+def are_large(payloads: Sequence[bytes]) -> bool:
+    """Whether payloads are so large that they are better kept apart."""
+    size = payloads.size if isinstance(payloads, Payloads) else sum(map(len, payloads))
+    return size >= _LARGE_BYTES * max(1, len(payloads))
+
+
+def together(parts: Sequence[Payloads]) -> Sequence[bytes]:
+    """Put payloads behind each other, in one array unless they are large."""
+    if sum(part.size for part in parts) >= _LARGE_BYTES * max(1, sum(map(len, parts))):
+        return [payload for part in parts for payload in part]
+    return joined(parts)
 
 
 def _copy(payloads: Payloads, target: npt.NDArray[np.uint8]) -> None:

@@ -154,7 +154,7 @@ class _BlockReading:
 
     def _parse(self, key: tuple[str, int], pieces: list[_CopiedMessages]) -> list[_Parsed]:
         reader = self._reader_of(key, pieces[0].origin)
-        columns = None if reader is None else reader.read(payloads.joined([piece.payloads for piece in pieces]))
+        columns = None if reader is None else reader.read(payloads.together([piece.payloads for piece in pieces]))
         if columns is None:
             return [self._decoded(pieces)]
         if len(columns.others):
