@@ -94,9 +94,14 @@ def of_messages(messages: Messages) -> Payloads:
 
 
 def view_of(messages: Messages) -> Payloads | None:
-    """Return the payloads of messages as they lie in their chunk, if they are most of it and lie next to each other."""
+    """Return the payloads of messages as they lie in their chunk, if they are most of it and lie next to each other.
+
+    A chunk is not held for long payloads: then it would take as much memory again.
+    """
     starts, ends = messages.offsets, messages.ends
     if not len(starts) or int(ends[-1] - starts[0]) * _WORTH_HOLDING < len(messages.data):
+        return None
+    if len(messages.data) > _LONG * len(starts):
         return None
     if not bool((starts[1:] == ends[:-1]).all()):  # something else lies between them
         return None
