@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import struct
 import weakref
 from collections.abc import Callable, Iterable, Mapping
@@ -158,8 +159,9 @@ class Topic:
 
         append = compile_append(code, self._head, _END_S)
         if append is not None:
-            append.__doc__ = Topic.append.__doc__
-            self.__class__ = type(plain.__name__, (plain,), {"__slots__": (), "append": append})
+            names = {name: getattr(plain, name) for name in ("__doc__", "__module__", "__qualname__")}
+            append = functools.update_wrapper(append, Topic.append)
+            self.__class__ = type(plain.__name__, (plain,), {**names, "__slots__": (), "append": append})
 
     def _plain_class(self: T) -> type[T]:
         """Return the class without a compiled `append`."""
@@ -171,7 +173,7 @@ class Topic:
     ) -> T:
         """Append a row whose arguments the compiled `append` is not for; if these are many, it is given up."""
         self._misses += 1
-        if self._misses == _MOST_MISSES:
+        if self._misses >= _MOST_MISSES:  # other threads count, too
             self.__class__ = self._plain_class()
         return Topic.append(self, *positional, **_present(variables, keys), **others)
 

@@ -16,8 +16,8 @@ from typing import Any
 
 
 def _is_interesting(file: str) -> bool:
-    """Whether code is the library's, or that of the locks and events that it uses."""
-    return "ml_dash_mcap" in file or file == threading.__file__
+    """Whether code is the library's, some of which is compiled for rows, or that of the locks and events that it uses."""
+    return "ml_dash_mcap" in file or file in (threading.__file__, "<compiled row>")
 
 
 class Interruption:

@@ -24,10 +24,15 @@ def segments(folder: Path) -> list[Path]:
 
 def rows(folder: Path) -> dict[str, list[Row]]:
     """By topic, the rows as they are in the files, those of each segment in time order."""
-    found: dict[str, list[Row]] = {}
+    return {topic: [row for _, row in listed] for topic, listed in timed_rows(folder).items()}
+
+
+def timed_rows(folder: Path) -> dict[str, list[tuple[int, Row]]]:
+    """By topic, the rows as they are in the files, each behind the log time of its message, in ns."""
+    found: dict[str, list[tuple[int, Row]]] = {}
     for reader in _readers(folder):
         for schema, channel, message in reader.iter_messages(log_time_order=True):
-            found.setdefault(channel.topic, []).append(_row(schema, channel, message.data))
+            found.setdefault(channel.topic, []).append((message.log_time, _row(schema, channel, message.data)))
     return found
 
 
