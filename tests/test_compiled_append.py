@@ -417,3 +417,12 @@ def test_rows_of_random_kinds_come_back(tmp_path: Path) -> None:
         rows = [row for topic in topics for row in recording[topic.name].rows()]
     assert sorted(rows, key=lambda row: row["n"]) == expected
     assert list(map(spelling, sorted(rows, key=lambda row: row["n"]))) == list(map(spelling, expected))
+
+
+def test_rows_are_compiled_again_however_often_their_layout_has_grown(tmp_path: Path) -> None:
+    with Recorder(tmp_path, RecorderOptions(encoding="protobuf")) as recorder:
+        topic = recorder.topic("a")
+        for number in range(40):
+            for repetition in range(4):
+                topic.append(state={f"s{number}": 0.5}, _ts=number + repetition / 8)
+        assert is_compiled(topic)

@@ -17,7 +17,11 @@ from .row_source import NotCompilableError
 Key = tuple[str, ...]
 
 _MOST_VARIANTS, _MOST_COMPILATIONS, _MOST_KEYS = 4, 16, 256
-"""Of rows with the same keys, so many functions are kept, and so many compiled; and for so many different keys."""
+"""Of rows with the same keys, so many functions are kept, and so many compiled until the layout grows; and for so many
+different keys."""
+
+_MOST_IN_ALL = 500
+"""So many functions are compiled for a channel."""
 
 _MOST_RIGID = 2
 """Of rows with the same keys, so many functions are compiled that take lists of one length only."""
@@ -33,11 +37,14 @@ class Compilation:
         self.install: Callable[[AppendCode | None], None] | None = None
         """Takes the code of an `append`; None when earlier code is out of date."""
         self._counts: dict[Key, int] = {}
-        """By the keys of rows, how often there was no function for one."""
+        """By the keys of rows, how often there was no function for one under this layout."""
+        self._compiled = 0
+        """How many functions were compiled."""
 
     def forget(self) -> None:
         """Forget all code, because the layout has grown: integers may have to go into another field now."""
         self.functions = {}
+        self._counts = {}
         if self.install is not None:
             self.install(None)
 
@@ -52,6 +59,9 @@ class Compilation:
         count = self._counts.get(key, 0)
         if count >= _MOST_COMPILATIONS or (not count and len(self._counts) >= _MOST_KEYS):
             return
+        if self._compiled >= _MOST_IN_ALL:
+            return
+        self._compiled += 1
         self._counts[key] = count + 1
         is_flexible = count // 2 >= _MOST_RIGID
         try:
