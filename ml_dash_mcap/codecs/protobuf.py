@@ -6,6 +6,7 @@ An object of the codec records the rows of one channel, because fields get their
 from __future__ import annotations
 
 import functools
+import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -29,6 +30,8 @@ from .proto.row_encoder import RowEncoder
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
+
+_log = logging.getLogger("ml_dash_mcap")
 
 _MOST_GROWTHS = 200
 """How often the layout of a topic grows; what comes later has no field. Each growth writes the whole descriptor into
@@ -64,6 +67,7 @@ class ProtobufCodec(Codec):
         """Guards the growth of the layout."""
         self._is_growing = False
         self._growths = 0
+        self._has_warned = False
         self._compilation = Compilation()
 
     def for_channel(self, topic: str, schema: bytes = b"", declare: Callable[[bytes], bool] | None = None) -> Codec:
@@ -129,7 +133,10 @@ class ProtobufCodec(Codec):
 
     def encode_read(self, row: Row) -> bytes:
         """Encode a row that was read."""
-        return self._encoded(PlainRow("").row(row), is_read=True)
+        try:
+            return self.dumps(row, None)
+        except FieldError:  # a text has lone surrogates
+            return self._encoded(PlainRow("").row(row), is_read=True)
 
     def _encoded(self, row: dict[str, Any], *, is_read: bool = False) -> bytes:
         layout = self._wide_enough(row)
@@ -162,7 +169,10 @@ class ProtobufCodec(Codec):
 
         A signal handler that appends while its own thread widens the layout goes on with the layout as it is.
         """
-        if self._growths >= _MOST_GROWTHS or not self._lock.acquire(timeout=_LOCK_WAIT_S):
+        if self._growths >= _MOST_GROWTHS:
+            self._warn_of_end()
+            return self.layout
+        if not self._lock.acquire(timeout=_LOCK_WAIT_S):
             return self.layout
         try:
             layout = self.layout
@@ -176,6 +186,7 @@ class ProtobufCodec(Codec):
                 is_declared = self._declare is None or self._declare(descriptor.encode(wider, self.topic))
                 self._growths += 1 if is_declared else _REFUSED_GROWTH
                 if not is_declared:
+                    self._warn_of_end()
                     return layout
                 self.layout = wider
                 self._compilation.forget()
@@ -186,6 +197,16 @@ class ProtobufCodec(Codec):
                 self._is_growing = False
         finally:
             self._lock.release()
+
+    def _warn_of_end(self) -> None:
+        """Tell once that values have no field any more."""
+        if not self._has_warned:
+            self._has_warned = True
+            _log.warning(
+                "topic %r: its protobuf type has no room to grow; values that it has no field for are kept in the text"
+                " `_exact` (see docs/guides/encodings.md, Limits of protobuf)",
+                self.topic,
+            )
 
     # -- the writer ----------------------------------------------------------------------------------------------------
 

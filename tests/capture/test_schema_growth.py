@@ -388,3 +388,19 @@ def test_private_records_of_others_with_the_same_number_are_passed_over(tmp_path
     path.write_bytes(grown.new + b"\x8c" + len(content).to_bytes(8, "little") + content)
     finish(path, ())
     assert read(folder) == {"t": list(grown.rows)}
+
+
+def test_a_type_without_room_to_grow_is_told_once_and_loses_nothing(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    rows = [{f"key {number}": 0.5} for number in range(250)]
+    with Recorder(tmp_path, RecorderOptions(encoding="protobuf")) as recorder:
+        topic = recorder.topic("odd")
+        for number, row in enumerate(rows):
+            topic.append(**row, _ts=float(number))
+    assert [record.getMessage() for record in caplog.records if "'odd'" in record.getMessage()] == [
+        "topic 'odd': its protobuf type has no room to grow; values that it has no field for are kept in the text"
+        " `_exact` (see docs/guides/encodings.md, Limits of protobuf)"
+    ]
+    with Recording(tmp_path) as recording:
+        assert list(recording["odd"].rows()) == [{**row, "_ts": float(number)} for number, row in enumerate(rows)]
