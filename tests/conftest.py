@@ -37,6 +37,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     examples.load_profile()
     config.addinivalue_line(
+        "markers", "about_json: the test looks into payloads of JSON, which it records whatever the environment says"
+    )
+    config.addinivalue_line(
         "markers", "breaks_files: the test damages files of the recorder on purpose; they are not judged"
     )
 
@@ -44,6 +47,15 @@ def pytest_configure(config: pytest.Config) -> None:
 def _is_ours(path: Path) -> bool:
     with path.open("rb") as file:
         return file.read(_LIBRARY_AT + len(OUR_LIBRARY))[_LIBRARY_AT:] == OUR_LIBRARY
+
+
+@pytest.fixture(autouse=True)
+def _json_for_what_is_about_it(request: pytest.FixtureRequest) -> Iterator[None]:
+    """All other tests can be run with another `ML_DASH_ENCODING`, too."""
+    with pytest.MonkeyPatch.context() as environment:
+        if request.node.get_closest_marker("about_json"):
+            environment.delenv("ML_DASH_ENCODING", raising=False)
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -164,6 +164,7 @@ def test_another_run_in_the_folder_may_have_rows_without_a_schema(tmp_path: Path
 # the schema of the first message
 
 
+@pytest.mark.about_json
 def test_a_topic_takes_the_schema_of_its_first_message(tmp_path: Path) -> None:
     with Recorder(tmp_path) as recorder:
         topic = recorder.topic("tool", description="of the arm", tags=["a"])

@@ -128,6 +128,7 @@ def test_an_array_comes_back_as_it_was(tmp_path: Path, way: str, encoding: str) 
             assert value.flags.writeable or isinstance(value, np.ma.MaskedArray)
 
 
+@pytest.mark.about_json
 def test_the_file_says_it_as_documented(tmp_path: Path) -> None:
     arrays = {**ARRAYS, **MASKED}
     with Recorder(tmp_path) as recorder:
@@ -143,6 +144,7 @@ def test_the_file_says_it_as_documented(tmp_path: Path) -> None:
         assert schema["properties"]["v"] == said
 
 
+@pytest.mark.about_json
 @pytest.mark.parametrize(
     ("array", "is_packed"),
     [

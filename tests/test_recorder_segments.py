@@ -40,6 +40,7 @@ def test_a_segment_ends_at_its_duration(tmp_path: Path) -> None:
     assert [row["n"] for row in disk.rows(tmp_path)["a"]] == list(range(5))
 
 
+@pytest.mark.about_json
 def test_a_schema_that_outgrows_its_place_begins_a_new_segment(tmp_path: Path) -> None:
     with Recorder(tmp_path) as recorder:
         for number in range(200):
@@ -51,6 +52,7 @@ def test_a_schema_that_outgrows_its_place_begins_a_new_segment(tmp_path: Path) -
     assert set(schema["properties"]) == {"_ts", *(f"field_number_{number}" for number in range(200))}
 
 
+@pytest.mark.about_json
 def test_a_schema_that_widens_in_one_segment_covers_all_its_rows_and_stays_one_channel(tmp_path: Path) -> None:
     with Recorder(tmp_path) as recorder:
         topic = recorder.topic("a")

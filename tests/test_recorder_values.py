@@ -93,6 +93,7 @@ def log_times(folder: Path) -> list[tuple[float, int]]:
     return found
 
 
+@pytest.mark.about_json
 def test_log_times_are_the_exact_time_stamp_rounded_to_nanoseconds(tmp_path: Path) -> None:
     chance = random.Random(1)
     kinds: list[Callable[[], float]] = [
@@ -125,6 +126,7 @@ def test_the_nanosecond_is_never_further_than_half_of_one_and_a_rounding_error_a
     assert abs(clock.to_nanoseconds(seconds) - Fraction(seconds) * 10**9) <= Fraction(1, 2) + Fraction(1, 2**23)
 
 
+@pytest.mark.about_json
 def test_append_converts_time_stamps_as_the_clock_does(tmp_path: Path) -> None:
     chance = random.Random(2)
     times = [chance.uniform(0, 10 ** chance.uniform(-12, 9.9)) for _ in range(3000)]
@@ -235,6 +237,7 @@ NONFINITE = [
 ]
 
 
+@pytest.mark.about_json
 @pytest.mark.parametrize("value", NONFINITE, ids=stable_repr)
 def test_what_is_not_finite_is_null_in_the_file_and_comes_back_exactly(tmp_path: Path, value: Any) -> None:
     with Recorder(tmp_path) as recorder:

@@ -161,6 +161,7 @@ def test_6_append_after_the_end_raises(tmp_path: Path) -> None:
 # 7. NaN makes invalid JSON.
 
 
+@pytest.mark.about_json
 def test_7_numbers_that_are_not_finite_are_valid_json_on_the_disk_and_come_back(tmp_path: Path) -> None:
     values = [math.nan, math.inf, -math.inf, 1.5]
     with experiment(tmp_path).run as exp:
