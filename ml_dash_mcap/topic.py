@@ -58,6 +58,8 @@ class Topic:
         self._misses = 0
         """How often arguments came that the compiled `append` is not for."""
         if type(self).append is Topic.append:
+            if self.encoding == "protobuf":
+                from . import compiled_append  # noqa: F401 - so that no append waits for it
             specialise = weakref.WeakMethod(self._specialise)
             self._codec.on_compiled(lambda code: _call(specialise(), code))
 
@@ -146,11 +148,7 @@ class Topic:
         return self
 
     def _specialise(self, code: AppendCode | None) -> None:
-        """Give the topic a compiled `append`, in a class of its own, which holds no reference to the topic.
-
-        Args:
-            code: For the rows so far; None to go back to the plain class.
-        """
+        """Give the topic an `append` of this code in a class of its own; for None, go back to the plain class."""
         plain = self._plain_class()
         if code is None or self._misses >= _MOST_MISSES:
             self.__class__ = plain
