@@ -81,6 +81,7 @@ def test_the_four_trips_are_all_there_are() -> None:
     assert {trip: len(ways) for trip, ways in trips().items()} == {trip: len(ways) for trip, ways in ACTIONS.items()}
 
 
+@pytest.mark.about_json
 @pytest.mark.parametrize("trip", ACTIONS)
 def test_a_trip_is_what_the_code_does(trip: str, tmp_path: Path) -> None:
     for number, way in enumerate(trips()[trip]):

@@ -41,6 +41,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.about_json
 @pytest.mark.parametrize("name", [*PROGRAMS, *EXPORTS, *OLDER])
 def test_a_file_of_an_earlier_release_gives_the_rows_that_it_gave_then(name: str, tmp_path: Path) -> None:
     place = tmp_path / name

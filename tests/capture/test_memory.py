@@ -169,6 +169,7 @@ print(recorder.stats()["written"], recorder.stats()["failure"], recorder.stats()
 """
 
 
+@pytest.mark.about_json
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize(
     "value", ["'x' * SIZE", "'\"a' * (SIZE // 3)", "[[]] * (SIZE // 3)", "[{}] * (SIZE // 3)", "[0.5] * (SIZE // 4)"]
@@ -348,6 +349,7 @@ def test_memory_that_is_short_for_a_while_keeps_rows_waiting(tmp_path: Path, mon
     assert calls >= 3
 
 
+@pytest.mark.about_json
 def test_fields_beyond_what_a_schema_says_still_arrive(tmp_path: Path) -> None:
     chance = random.Random(3)
     row = {"".join(chance.choices("abcdefgh", k=200)): number for number in range(5000)} | {"k" * 5000: 1}

@@ -329,6 +329,7 @@ def test_comments_that_the_compiler_kept_are_written(tmp_path: Path) -> None:
 # What has no text
 
 
+@pytest.mark.about_json
 def test_a_topic_that_is_not_protobuf_says_how_to_get_one_that_is(tmp_path: Path) -> None:
     with Recorder(tmp_path) as recorder:
         recorder.topic("robot").append(q=[1.0], _ts=0.0)
