@@ -48,9 +48,9 @@ class Field:
 
 
 def completed(field: Field, example: Field) -> Field:
-    """Return a field with what an example says of it and the field does not: lengths, and the type of arrays."""
-    if field.type == "array" and not field.shape:
-        return example
+    """Return a field with the lengths of an example, where it is one of lists whose lengths are not known."""
+    if field.type not in _NAMES.values():  # the shape of arrays is that of all of them
+        return field
     is_alike = example.type in (field.type, "integer") and len(field.shape) == len(example.shape)
     return Field(field.type, example.shape) if is_alike and field.shape[1:] == example.shape[1:] else field
 

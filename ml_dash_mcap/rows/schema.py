@@ -93,7 +93,7 @@ def words_of(values: Shape) -> dict[str, Any]:
     """Return the schema's keywords for values, without those for their contents; empty if the subset has none."""
     kinds = values.value_kinds
     if kinds == shape.ARRAY:
-        return {**_BASE64, "description": _description(values.array)}
+        return {**_BASE64, "description": description(values.array)}
     if kinds & shape.BYTES and not kinds & ~(shape.BYTES | shape.ARRAY):
         return dict(_BASE64)
     if kinds == shape.LIST and values.longest < shape.UNBOUNDED:
@@ -113,7 +113,7 @@ def _array(lists: Shape, words: dict[str, Any], budget: list[int]) -> dict[str, 
     return None if items is None else {"type": words.pop("type"), "items": items, **words}
 
 
-def _description(array: ArrayType | None) -> str:
+def description(array: ArrayType | None) -> str:
     """Return the type and the lengths of arrays as `packed_arrays` describes them; "array" where too much differs."""
     if array is None or array.dtype is None or array.lengths is None:
         return "array"
@@ -137,12 +137,12 @@ def of_json(schema: Mapping[str, Any]) -> Shape:
         fields = properties.items() if isinstance(properties, dict) else ()
         return of_dicts({name: of_json(inner) for name, inner in fields if isinstance(inner, dict)})
     if type_ == "string" and schema.get("contentEncoding") == "base64":
-        return _of_description(schema.get("description"))
+        return of_description(schema.get("description"))
     kinds = _KINDS.get(type_) if isinstance(type_, str) else None
     return _OPAQUE if kinds is None else scalar(kinds)
 
 
-def _of_description(description: object) -> Shape:
+def of_description(description: object) -> Shape:
     """Return the shape of arrays that a schema describes; that of bytes if it describes none."""
     if description == "array":
         return Shape(shape.ARRAY, array=ArrayType(None, None))

@@ -16,6 +16,7 @@ import orjson
 from google.protobuf import descriptor_pb2
 from google.protobuf.message import DecodeError
 
+from ...rows import packed_arrays
 from . import names, wire
 from .layout import EXACT_NUMBER, MOST_DEPTH, TIME_NUMBER, Kind, Layout, Member, Slot
 
@@ -111,6 +112,8 @@ def _write_field(message: Any, member: Member, name: str) -> Any:
     entries: dict[str, Any] = {} if name == member.key else {"key": member.key}
     if member.slot.lengths:
         entries["lengths"] = list(member.slot.lengths)
+    if member.array:
+        entries["array"] = member.array
     _set_option(field.options, entries)
     return field
 
@@ -243,7 +246,7 @@ class _Members:
             _require(field.number > (members[-1].number if members else 0), "the numbers rise")
             _require((key, slot) not in slots, "a key has one field for each type")
             slots.add((key, slot))
-            members.append(Member(field.number, key, slot, inner))
+            members.append(Member(field.number, key, slot, inner, _read_array(field, slot)))
         return tuple(members)
 
 
@@ -260,6 +263,14 @@ def _read_slot(field: Any, array_type: str) -> tuple[str, Slot]:
     _require(not lengths or (is_list and kind.is_packed), "only lists of numbers are lists of lists")
     _require(not is_list or kind is not Kind.ARRAY, "arrays are single values")
     return key, Slot(kind, tuple(lengths) if is_list else None)
+
+
+def _read_array(field: Any, slot: Slot) -> str:
+    """Return the description of the arrays of a field; empty if it has none."""
+    described = entries_of(field.options).get("array", "")
+    is_known = isinstance(described, str) and (described in ("", "array") or packed_arrays.parse(described) is not None)
+    _require(is_known and (not described or slot.kind is Kind.ARRAY), "only arrays have a type and a shape of numpy's")
+    return str(described)
 
 
 def _require(is_so: bool, rule: str) -> None:

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Protocol
 
+from ...rows import schema
+from ...rows.shape import ArrayType
 from .layout import MOST_DEPTH, Kind, Layout, Member, Slot, number_after
 from .value_slots import as_doubles, fit, is_encodable
 
@@ -49,6 +51,10 @@ class Growth:
             if member is None:
                 return
             draft.put(member)
+        if slot.kind is Kind.ARRAY:
+            described = _described(member.array, value)
+            if described != member.array:
+                draft.put(replace(member, array=described))
         if slot.kind is Kind.DICT:
             inner = member.inner or Layout()
             for dict_ in fitting.leaves if slot.is_list else (value,):
@@ -64,6 +70,13 @@ class Growth:
         self._room -= 1
         self._letters -= len(key)
         return Member(number, key, slot, Layout() if slot.kind is Kind.DICT else None)
+
+
+def _described(described: str, array: Any) -> str:
+    """Return the description of arrays, widened by one more."""
+    own = ArrayType(array.dtype.name, array.shape)
+    before = schema.of_description(described).array if described else None
+    return schema.description(own if before is None else before | own)
 
 
 class Members(Protocol):

@@ -96,6 +96,8 @@ class Member:
     slot: Slot
     inner: Layout | None = None
     """Of dicts: the layout of these."""
+    array: str = ""
+    """Of large arrays: the type and shape that all of them have, see `rows.schema.description`."""
 
     @property
     def tag(self) -> bytes:

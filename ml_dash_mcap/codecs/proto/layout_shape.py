@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ...rows import shape
-from ...rows.shape import NOTHING, ArrayType, Shape, of_dicts, of_lists, scalar
+from ...rows.schema import of_description
+from ...rows.shape import NOTHING, Shape, of_dicts, of_lists, scalar
 from .layout import Kind, Layout, Member
 
 _KINDS = {
@@ -14,8 +15,6 @@ _KINDS = {
     Kind.TEXT: shape.TEXT,
     Kind.BYTES: shape.BYTES,
 }
-
-_ARRAYS = Shape(shape.ARRAY, array=ArrayType(None, None))
 
 
 def of_layout(layout: Layout) -> Shape:
@@ -31,7 +30,7 @@ def _of_member(member: Member) -> Shape:
     if kind is Kind.DICT:
         values = of_layout(member.inner or Layout())
     else:
-        values = _ARRAYS if kind is Kind.ARRAY else scalar(_KINDS[kind])
+        values = of_description(member.array or "array") if kind is Kind.ARRAY else scalar(_KINDS[kind])
     if lengths is None:
         return values
     for length in reversed(lengths):

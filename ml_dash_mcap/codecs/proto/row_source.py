@@ -232,6 +232,10 @@ class RowSource:
         if member.slot.kind is Kind.ARRAY:
             self.names |= {"_is_large": packed_arrays.is_large, "_encode_array": encode_array}
             self._tests.append(f"{check} and _is_large({variable})")
+            parsed = packed_arrays.parse(member.array)
+            if parsed is not None:  # its schema must hold for the next arrays too
+                self.names["_has_lengths"] = _has_lengths
+                self._tests.append(f"_has_lengths({variable}.shape, {self.name(parsed[1])})")
             return [self.constant(member.tag), *self._delimited(self._late(f"_encode_array({variable})"))]
         if dtype.str[1:] not in _ARRAY_CODES or not dtype.isnative or not value.size:
             raise NotCompilableError
@@ -301,6 +305,15 @@ class RowSource:
         tests = [*types, *self._tests]  # what an array does with a comparison, nobody asks
         test = [f"if not ({' and '.join(tests)}): {self._give_up}"] if tests else []
         return [*self._lines, *test, *self._late_lines]
+
+
+def _has_lengths(lengths: Sequence[int], expected: Sequence[int | None]) -> bool:
+    """Whether an array has some dimensions; None stands for any length."""
+    return len(lengths) == len(expected) and all(map(_is_length, lengths, expected))
+
+
+def _is_length(length: int, expected: int | None) -> bool:
+    return expected is None or length == expected
 
 
 def _is_number(value: Any) -> bool:
