@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from ..codecs.proto.row_comments import RowsAbout
 from ..errors import EncodingError
 from ..mcap.records import Schema
 from ..query.stored_topic import StoredTopic
@@ -19,7 +18,9 @@ def files(topic: StoredTopic, info: TopicInfo) -> dict[str, str]:
     Raises:
         EncodingError: Its messages are not protobuf, or their descriptors are broken or contradict each other.
     """
-    from ..codecs.proto import topic_files  # protobuf
+    # Imported here, as they bring protobuf.
+    from ..codecs.proto import topic_files
+    from ..codecs.proto.row_comments import RowsAbout
 
     about = RowsAbout(
         topic.name,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from ...codecs.codec import Codec
 from ...codecs.decode import codec_of
-from ...codecs.proto import descriptor
 from ...file_names import KIND_KEY, MESSAGE, OWN_TOPICS, TRACK
 from ...mcap.records import Channel, Schema
 
@@ -22,5 +21,7 @@ def has_rows(channel: Channel, schema: Schema | None) -> bool:
     if schema is None:
         return codec.schema_encoding != "protobuf"  # whose bytes nobody reads without a schema
     if schema.encoding == "protobuf":
+        from ...codecs.proto import descriptor  # brings protobuf
+
         return descriptor.decode(schema.data, schema.name) is not None
     return not schema.name.startswith(_OF_VIEWERS)

@@ -30,7 +30,8 @@ class CsvLayout:
             columns: Dotted names of those wanted; None for all.
         """
         self._shapes: dict[str, Shape] = {name: values for name, values in _expected(info) if is_wanted(name, columns)}
-        self._places = {encodable(name): place for place, name in enumerate(info.fields)}
+        in_order = info.fields if columns is None else ()
+        self._places = {encodable(name): place for place, name in enumerate(in_order)}
 
     def add(self, block: Block) -> None:
         """Make room for the values of a block."""

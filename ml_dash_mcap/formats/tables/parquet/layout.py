@@ -37,7 +37,8 @@ class ParquetLayout:
         """
         self._flat = flat
         self._shapes = {name: values for name, values in _expected(info) if is_wanted(name, columns)}
-        self._places = {encodable(name): place for place, name in enumerate(info.fields)}
+        in_order = info.fields if columns is None else ()
+        self._places = {encodable(name): place for place, name in enumerate(in_order)}
         self._literal = {name for name in properties_of(info.schema) if "." in name}
         units = info.metadata.get("units")
         self._units = flatten({**units, TIME_KEY: "s"}, TIME_KEY) if isinstance(units, Mapping) else {}
