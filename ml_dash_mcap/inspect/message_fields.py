@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..mcap.records import Channel
 from ..query.file import File
+from ..rows.shape import NOTHING, Shape
+from . import field_shapes
 from .field_shapes import Field
 
 if TYPE_CHECKING:
@@ -27,12 +29,14 @@ class MessageFields(NamedTuple):
 def read(channels: Iterable[tuple[File, Channel]]) -> MessageFields:
     """Return the fields of a topic's rows; none of messages of others, or in other encodings."""
     layouts = list(_layouts(channels))
-    slots: dict[str, list[Slot]] = {}
+    shapes: dict[str, dict[Slot, Shape]] = {}
     for layout in layouts:
-        for name, slot in _walk(layout, ""):
-            slots.setdefault(name, []).append(slot)
+        for name, slot, values in _walk(layout, ""):
+            of_name = shapes.setdefault(name, {})
+            of_name[slot] = of_name.get(slot, NOTHING) | values
     exact = dict.fromkeys(path for layout in layouts for path in layout.opaque)
-    return MessageFields({name: _field(set(of_name)) for name, of_name in slots.items()}, tuple(exact))
+    fields = {name: _field(list(map(field_shapes.of_shape, of_name.values()))) for name, of_name in shapes.items()}
+    return MessageFields(fields, tuple(exact))
 
 
 def _layouts(channels: Iterable[tuple[File, Channel]]) -> Iterator[Layout]:
@@ -47,38 +51,24 @@ def _layouts(channels: Iterable[tuple[File, Channel]]) -> Iterator[Layout]:
             yield layout
 
 
-def _walk(layout: Layout, parent: str) -> Iterator[tuple[str, Slot]]:
+def _walk(layout: Layout, parent: str) -> Iterator[tuple[str, Slot, Shape]]:
+    """Yield the fields by dotted name, each with the shape of its values."""
+    from ..codecs.proto import layout_shape
+
     for member in layout.members:
         dotted = f"{parent}{member.key}"
         if member.inner is not None and member.inner.members and not member.slot.is_list:
             yield from _walk(member.inner, f"{dotted}.")
         else:
-            yield dotted, member.slot
+            yield dotted, member.slot, layout_shape.of_member(member)
 
 
-_TYPES = {
-    "DOUBLE": "number",
-    "INT": "integer",
-    "UINT": "integer",
-    "BOOL": "boolean",
-    "TEXT": "string",
-    "BYTES": "bytes",
-    "DICT": "object",
-    "ARRAY": "array",
-}
-"""By the name of the kind of a protobuf field."""
-
-
-def _field(slots: set[Slot]) -> Field:
+def _field(fields: list[Field]) -> Field:
     """Return the type of values that lie in some fields of one key."""
-    types = {_TYPES[slot.kind.name] for slot in slots}
-    lengths = {slot.lengths for slot in slots}
+    types, ranks = {field.type for field in fields}, {len(field.shape) for field in fields}
     if types == {"integer", "number"}:
         types = {"number"}
-    if len(types) > 1 or len({None if inner is None else len(inner) for inner in lengths}) > 1:
+    if len(types) > 1 or len(ranks) > 1:
         return _ANY
-    ranks = [inner for inner in lengths if inner is not None]
-    if not ranks:
-        return Field(types.pop())
-    shape = (None, *(each.pop() if len(each) == 1 else None for each in map(set, zip(*ranks, strict=True))))
-    return Field(types.pop(), shape)
+    lengths = map(set, zip(*(field.shape for field in fields), strict=True))
+    return Field(types.pop(), tuple(each.pop() if len(each) == 1 else None for each in lengths))

@@ -126,8 +126,7 @@ def _fields(
         open_fields: As a descriptor has them, which leaves the first length of lists open.
         first_row: Completes what these leave open, and has those that they leave out.
     """
-    # Which arrays a field holds, only the JSON Schema made of the descriptor says.
-    fields = {**fields, **{name: field for name, field in open_fields.items() if field.type != "array"}}
+    fields = {**fields, **open_fields}
     if first_row is None:
         return fields
     is_inferred = bool(fields) and topic.kind is not None
@@ -137,7 +136,7 @@ def _fields(
         of_row = field_shapes.of_shape(of_value(value))
         differs = is_inferred and not _is_nested(value)  # from row to row, if the schema leaves it out
         if name in open_fields:
-            fields[name] = field_shapes.completed(fields.get(name, open_fields[name]), of_row)
+            fields[name] = field_shapes.completed(open_fields[name], of_row)
         else:
             fields.setdefault(name, Field("any") if differs else of_row)
     return fields

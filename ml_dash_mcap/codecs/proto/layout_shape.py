@@ -21,11 +21,12 @@ def of_layout(layout: Layout) -> Shape:
     """Return the shape of the dicts of a layout. Lengths of lists are not known, but those of lists inside."""
     fields: dict[str, Shape] = {}
     for member in layout.members:
-        fields[member.key] = fields.get(member.key, NOTHING) | _of_member(member)
+        fields[member.key] = fields.get(member.key, NOTHING) | of_member(member)
     return of_dicts(fields)
 
 
-def _of_member(member: Member) -> Shape:
+def of_member(member: Member) -> Shape:
+    """Return the shape of the values of a field."""
     kind, lengths = member.slot.kind, member.slot.lengths
     if kind is Kind.DICT:
         values = of_layout(member.inner or Layout())
