@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
+from ..rows import foreign_values
 from ..rows.shape import Shape
 
 if TYPE_CHECKING:
@@ -162,9 +163,9 @@ class Codec(MessageCodec, Protocol):
     dumps: Callable[[dict[str, Any], Callable[[Any], Any]], bytes]
     """Encodes the fields of a row, the time stamp last, fast; whatever it raises, `encode_exactly` is called then. The
     second argument is `default`: orjson is called by `append` as it is, without a function of Python between."""
-    default: Callable[[Any], Any]
-    probe: int | bytes
-    """A payload of `dumps` with this in it goes through `recheck`."""
+    default: Callable[[Any], Any] = staticmethod(foreign_values.simple)
+    probe: int | bytes = b"\xff" * 16
+    """A payload of `dumps` with this in it goes through `recheck`, which by default leaves it as it is."""
 
     def encode_exactly(self, fields: Mapping[str, Any], topic: str) -> bytes:
         """Encode a row that `dumps` could not, or not without loss.
@@ -182,6 +183,7 @@ class Codec(MessageCodec, Protocol):
             topic: For the error messages.
             probe: The byte or bytes that were found in the payload.
         """
+        return payload, probe
 
     def encode(self, fields: dict[str, Any], topic: str) -> bytes:
         """Encode a row whose fields end with its time stamp, as `append` does, for callers that are in no hurry."""

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from ..errors import FieldError
-from ..rows import foreign_values
 from ..rows.merge import merge
 from ..rows.plain_row import TIME_KEY, PlainRow
 from ..rows.shape import Shape
@@ -30,9 +29,6 @@ class RowCodec(Codec):
 
     # -- append --------------------------------------------------------------------------------------------------------
 
-    default = staticmethod(foreign_values.simple)
-    probe = b"\xff" * 16  # of no meaning: there is nothing to recheck
-
     def dumps(self, fields: dict[str, Any], default: Any) -> bytes:
         """Encode a row."""
         return self.encode_row(PlainRow("").row(fields))
@@ -46,10 +42,6 @@ class RowCodec(Codec):
             except Exception as error:  # whatever an encoder raises for what it has no bytes for
                 raise FieldError(f"append() on topic {topic!r}: field {name!r} cannot be stored: {error}") from error
         return self.encode_row(row)
-
-    def recheck(self, payload: bytes, fields: Mapping[str, Any], topic: str, probe: int | bytes) -> tuple[bytes, Any]:
-        """Return the payload as it is."""
-        return payload, probe
 
     def encode_read(self, row: Row) -> bytes:
         """Encode a row that was read."""

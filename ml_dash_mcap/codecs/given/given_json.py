@@ -49,7 +49,7 @@ class GivenJsonCodec(GivenCodec):
             OptionError: The package that checks rows is not installed.
         """
         self.name = name
-        self._data = data
+        self.data = data
         self._validator = _validator(data)
 
     # -- append --------------------------------------------------------------------------------------------------------
@@ -76,16 +76,6 @@ class GivenJsonCodec(GivenCodec):
             told = "; ".join(_spelled(fault) for fault in faults)
             raise FieldError(f"append() on topic {topic!r}: the row does not fit the schema: {told}{_hint(row)}")
         return orjson.dumps(row)
-
-    # -- the writer ----------------------------------------------------------------------------------------------------
-
-    def schema(self, shape: Any, title: str) -> bytes:
-        """Return the schema, whatever the rows are."""
-        return self._data
-
-    def padded(self, schema: bytes, length: int) -> bytes:
-        """Return the schema as it is: it never grows."""
-        return schema
 
 
 def of_schema(schema: Mapping[str, Any]) -> GivenSchema:

@@ -34,7 +34,7 @@ class GivenProtobufCodec(GivenCodec):
             data: Its file and all that it imports, as a serialized `FileDescriptorSet`.
         """
         self.name: str = descriptor.full_name
-        self._data = data
+        self.data = data
         self._class: Any = message_factory.GetMessageClass(descriptor)
         self._fields = FieldsByName(descriptor)
         self.decode = decoder(self.name, data)
@@ -82,7 +82,7 @@ class GivenProtobufCodec(GivenCodec):
                 f"append_message() on topic {topic!r}: the message is a {given}, but the topic's schema is"
                 f" {self.name}; each type of message has a topic of its own"
             )
-        if descriptor_set(message.DESCRIPTOR) != self._data:
+        if descriptor_set(message.DESCRIPTOR) != self.data:
             raise UsageError(
                 f"append_message() on topic {topic!r}: the message is a {given} by another definition than the"
                 " topic's schema; its class was generated from another .proto file"
@@ -97,16 +97,6 @@ class GivenProtobufCodec(GivenCodec):
             why = f"it lacks the required {', '.join(missing)}" if missing else str(error)
             raise FieldError(f"{call}: the {self.name} cannot be stored: {why}") from error
         return payload
-
-    # -- the writer ----------------------------------------------------------------------------------------------------
-
-    def schema(self, shape: Any, title: str) -> bytes:
-        """Return the schema, whatever the rows are."""
-        return self._data
-
-    def padded(self, schema: bytes, length: int) -> bytes:
-        """Return the schema as it is: it never grows."""
-        return schema
 
 
 def of_descriptor(descriptor: Descriptor) -> GivenSchema:
