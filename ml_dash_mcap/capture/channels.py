@@ -70,6 +70,23 @@ class ChannelInfo:
         """Return the Schema record of a schema in the channel's schema encoding."""
         return SCHEMA.pack(Schema(self.number, self.schema_name or self.topic, self.schema_encoding, schema))
 
+    def padded_schema_record(self, schema: bytes, space: int, spare_bytes: int) -> bytes:
+        """Return the Schema record of a schema in the codec's encoding, with room to grow in place.
+
+        Args:
+            schema: The schema.
+            space: How long the whole record is to be; it is longer if the schema does not fit. 0 for a first record.
+            spare_bytes: The least room of a first record, which has at least as much as the schema is long.
+        """
+        record = self.schema_record(schema)
+        # `space` is that of the whole record, of which only the schema's text is padded.
+        length = space - (len(record) - len(schema)) if space else 2 * len(schema) + spare_bytes
+        return (
+            record
+            if self.codec is None or length < len(schema)
+            else self.schema_record(self.codec.padded(schema, length))
+        )
+
     def decoder(self, shape: Shape | None) -> Decoder:
         """Return the decoder of the channel's payloads.
 

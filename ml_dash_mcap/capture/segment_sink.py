@@ -158,18 +158,13 @@ class SegmentSink:
         if info.schema is not None or info.codec is None:
             return info.schema_record(info.schema or b"")
         schema = self._schema(info, info.codec, shape)
-        record = info.schema_record(schema)
         if shape is None and info.codec.follows_shapes:
-            return record
-        # `space` is that of the whole record, of which only the schema's text is padded.
-        length = space - (len(record) - len(schema)) if space else 2 * len(schema) + _SPARE_BYTES
-        if length < len(schema):
-            return record
+            return info.schema_record(schema)
         try:
-            return info.schema_record(info.codec.padded(schema, length))
+            return info.padded_schema_record(schema, space, _SPARE_BYTES)
         except Exception as error:
             self._fallbacks.note("padding a topic's schema", error, "has no room to grow in its segment")
-            return record
+            return info.schema_record(schema)
 
     def _schema(self, info: ChannelInfo, codec: Codec, shape: Shape | None) -> bytes:
         """Return the schema of rows of a shape. If a full schema cannot be made, the schema describes fewer fields."""

@@ -26,11 +26,9 @@ class NewSchemas:
             channels: Of the file.
             folder: Where it is written, for the log.
         """
-        self._shaped = {
-            each.number: ChannelInfo(each.number, each.source.topic, "", codec=each.codec)
-            for each in channels
-            if each.is_learned
-        }
+        infos = [ChannelInfo(each.number, each.source.topic, "", codec=each.codec) for each in channels if each.codec]
+        self._infos = {info.number: info for info in infos}
+        self._shaped = {info.number: info for info in infos if info.codec is not None and info.codec.follows_shapes}
         self._forms = RowForms(self._shaped, Fallbacks(folder))
 
     def learn(self, rows: Rows) -> None:
@@ -51,13 +49,6 @@ class NewSchemas:
             return (
                 b"" if schema is None else SCHEMA.pack(Schema(each.number, schema.name, schema.encoding, schema.data))
             )
-        topic = each.source.topic
         shape = self._forms.shapes_of([each.number]).get(each.number) if each.is_learned else None
-        text = each.codec.schema(shape, topic)
-        name = each.codec.schema_name(topic)
-        record = SCHEMA.pack(Schema(each.number, name, each.codec.schema_encoding, text))
-        length = space - (len(record) - len(text)) if space else 2 * len(text) + _SPARE_BYTES
-        if length < len(text):
-            return record
-        padded = each.codec.padded(text, length)
-        return SCHEMA.pack(Schema(each.number, name, each.codec.schema_encoding, padded))
+        schema_text = each.codec.schema(shape, each.source.topic)
+        return self._infos[each.number].padded_schema_record(schema_text, space, _SPARE_BYTES)
