@@ -185,17 +185,7 @@ class Recorder:
         told = (description, tags, metadata, units, joint_names, frame_id, quat_order)
         if topic is not None and told == NO_ANNOTATIONS and schema is None and encoding in (None, topic.encoding):
             return topic
-        check_topic(name)
-        more = collect(units, joint_names, frame_id, quat_order)
-        about = TopicAbout(
-            description=description,
-            tags=tags,
-            metadata=metadata,
-            more=more,
-            encoding=encoding,
-            schema=given_schema(schema, encoding),
-        )
-        return open_topic(self, name, TRACK, Topic, about)
+        return open_track(self, name, Topic, told, encoding, schema)
 
     def topics(self) -> list[str]:
         """Return the names of the tracks opened so far, sorted."""
@@ -315,6 +305,35 @@ def open_topic(recorder: Recorder, name: str, kind: str, cls: type[T], about: To
     if about.encoding not in (None, topic.encoding):
         raise TopicError(f"topic {name!r} is open in the encoding {topic.encoding!r} already, not {about.encoding!r}")
     return topic
+
+
+def open_track(
+    recorder: Recorder, name: str, cls: type[T], told: tuple[Any, ...], encoding: str | None, schema: SchemaSource
+) -> T:
+    """Return a track that a user asks for.
+
+    Args:
+        recorder: Whose topic.
+        name: As the user gives it.
+        cls: The class of the topic's object.
+        told: The description, tags and metadata, and the arguments of `meaning.annotations.collect`.
+        encoding: Of its rows; None for the recorder's option.
+        schema: Of its rows; None to infer it.
+
+    Raises:
+        As `Recorder.topic`.
+    """
+    check_topic(name)
+    description, tags, metadata, *annotations = told
+    about = TopicAbout(
+        description=description,
+        tags=tags,
+        metadata=metadata,
+        more=collect(*annotations),
+        encoding=encoding,
+        schema=given_schema(schema, encoding),
+    )
+    return open_topic(recorder, name, TRACK, cls, about)
 
 
 def _warn_of_earlier_run(folder: Path) -> None:

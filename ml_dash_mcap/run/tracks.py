@@ -7,13 +7,10 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Generic, Literal, TypeVar, overload
 
-from ..capture.topic_names import check_topic
-from ..capture.topic_registry import TopicAbout
-from ..codecs.given.schema_source import SchemaSource, given_schema
+from ..codecs.given.schema_source import SchemaSource
 from ..errors import EntryNotFoundError, FieldError, RangeError
-from ..file_names import TRACK
-from ..meaning.annotations import NO_ANNOTATIONS, collect
-from ..recorder import Recorder, open_topic
+from ..meaning.annotations import NO_ANNOTATIONS
+from ..recorder import Recorder, open_track
 from ..rows.result_dicts import BytesFormat, Entries, Take
 from ..topic import Topic
 from ..topic_reader import Columns, Json, Seconds
@@ -271,17 +268,7 @@ class Tracks(Generic[TrackT]):
         # The usual call in a control loop: one lookup and one comparison, no checks.
         if track is not None and given == NO_ANNOTATIONS and encoding is None and schema is None:
             return track
-        check_topic(topic)
-        more = collect(units, joint_names, frame_id, quat_order)
-        about = TopicAbout(
-            description=description,
-            tags=tags,
-            metadata=metadata,
-            more=more,
-            encoding=encoding,
-            schema=given_schema(schema, encoding),
-        )
-        track = open_topic(self._recorder, topic, TRACK, self._kind, about)
+        track = open_track(self._recorder, topic, self._kind, given, encoding, schema)
         track.bind(self._readback)
         self._opened[topic] = track
         return track
