@@ -15,7 +15,7 @@ from ml_dash_mcap.codecs.proto import form_search, row_decoder
 from ml_dash_mcap.codecs.proto.row_decoder import RowDecoder
 from ml_dash_mcap.mcap.message_records import MESSAGE_HEAD_BYTES
 from tests.support.examples import examples
-from tests.support.protobuf_rows import MUTATIONS, ROBOT, damaged, recorded
+from tests.support.protobuf_rows import MUTATIONS, ROBOT, damage, recorded
 from tests.support.row_shapes import tables
 
 Row = dict[str, Any]
@@ -114,8 +114,7 @@ def test_rows_are_those_that_are_decoded_one_by_one(rows: list[Row]) -> None:
 def test_damaged_rows_never_become_other_rows(mutations: list[tuple[int, float, int, str]], vary: bool) -> None:
     payloads, decoder = recorded([{**ROBOT, "name": "x" * (n % 3 if vary else 3)} for n in range(40)])
     check(payloads, decoder)
-    for number, where, byte, how in mutations:
-        payloads[number] = damaged(payloads[number], where, byte, how)
+    damage(payloads, mutations)
     check(payloads, decoder)
 
 
@@ -125,6 +124,5 @@ def test_damaged_rows_of_any_form_never_become_other_rows(
     rows: list[Row], mutations: list[tuple[int, float, int, str]]
 ) -> None:
     payloads, decoder = recorded(rows)
-    for number, where, byte, how in mutations:
-        payloads[number % len(rows)] = damaged(payloads[number % len(rows)], where, byte, how)
+    damage(payloads, mutations)
     check(payloads, decoder)

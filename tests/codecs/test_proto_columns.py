@@ -17,7 +17,7 @@ from ml_dash_mcap.codecs.proto.row_decoder import RowDecoder
 from ml_dash_mcap.rows import table
 from ml_dash_mcap.rows.dotted import flatten
 from tests.support.examples import examples
-from tests.support.protobuf_rows import MUTATIONS, ROBOT, damaged, recorded
+from tests.support.protobuf_rows import MUTATIONS, ROBOT, damage, recorded
 from tests.support.row_shapes import tables
 
 Row = dict[str, Any]
@@ -123,8 +123,7 @@ def test_damaged_rows_never_become_columns_of_other_values(
 ) -> None:
     rows = [{**ROBOT, "name": "x" * (n % 3 if vary else 3)} for n in range(40)]
     payloads, decoder = recorded(rows)
-    for number, where, byte, how in mutations:
-        payloads[number] = damaged(payloads[number], where, byte, how)
+    damage(payloads, mutations)
     check(payloads, decoder)
 
 
@@ -134,8 +133,7 @@ def test_damaged_rows_of_any_form_never_become_columns_of_other_values(
     rows: list[Row], mutations: list[tuple[int, float, int, str]]
 ) -> None:
     payloads, decoder = recorded(rows)
-    for number, where, byte, how in mutations:
-        payloads[number % len(rows)] = damaged(payloads[number % len(rows)], where, byte, how)
+    damage(payloads, mutations)
     check(payloads, decoder)
 
 

@@ -41,6 +41,12 @@ def recorded(rows: list[Row]) -> tuple[list[bytes], RowDecoder]:
     return payloads, RowDecoder(codec.layout)
 
 
+def damage(payloads: list[bytes], mutations: list[tuple[int, float, int, str]]) -> None:
+    """Damage some rows in place, as `MUTATIONS` says."""
+    for number, where, byte, how in mutations:
+        payloads[number % len(payloads)] = damaged(payloads[number % len(payloads)], where, byte, how)
+
+
 def damaged(payload: bytes, where: float, byte: int, how: str) -> bytes:
     at = int(where * len(payload))
     if how == "cut":
