@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ..errors import BacklogFullError, FieldError, StorageError
-from ..rows import foreign_values, json_text
+from ..rows import json_text
 from ..rows.plain_row import TIME_KEY, PlainRow, encodable
 from ..rows.shape import Shape
 from . import protobuf_messages
@@ -92,9 +92,6 @@ class ProtobufCodec(Codec):
 
     # -- append --------------------------------------------------------------------------------------------------------
 
-    default = staticmethod(foreign_values.simple)
-    probe = b"\xff" * 16  # of no meaning: there is nothing to recheck
-
     def dumps(self, fields: dict[str, Any], default: Any) -> bytes:
         """Encode a row, by a compiled function if rows like it came before."""
         for encode in self._compilation.functions.get(tuple(fields), ()):
@@ -115,10 +112,6 @@ class ProtobufCodec(Codec):
         except FieldError:
             json_text.exact(row, topic)  # its error names the field
             raise
-
-    def recheck(self, payload: bytes, fields: Mapping[str, Any], topic: str, probe: int | bytes) -> tuple[bytes, Any]:
-        """Return the payload as it is."""
-        return payload, probe
 
     def encode_columns(
         self, times: npt.NDArray[np.float64], columns: Mapping[str, Any], topic: str, head: bytes
@@ -250,7 +243,8 @@ class ProtobufCodec(Codec):
 
     def join_disjoint(self, payloads: Sequence[bytes], cuts: Sequence[int]) -> bytes:
         """Merge rows of one time stamp without a key in common, by joining their bytes."""
-        return b"".join([*map(row_parts.up_to, payloads, cuts), payloads[-1][cuts[-1] :]])
+        fields = [payload[:cut] for payload, cut in zip(payloads, cuts, strict=True)]
+        return b"".join([*fields, payloads[-1][cuts[-1] :]])
 
     opening_bytes = 0
 

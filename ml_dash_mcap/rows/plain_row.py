@@ -196,7 +196,13 @@ def _escape(key: str | int) -> str:
 
 def has_lone_surrogates(text: str) -> bool:
     """Whether UTF-8 has no bytes for a text."""
-    return not text.isascii() and encodable(text) != text
+    if text.isascii():
+        return False
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return True
+    return False
 
 
 def encodable(text: str) -> str:

@@ -22,7 +22,7 @@ from . import form_search, row_match, wire
 from .layout import Kind, Layout, Member
 from .row_encoder import decode_array
 from .row_match import MatchedRows
-from .row_template import Enter, FixedRun, Leaf, Node, RowTemplate, Varying, width
+from .row_template import Enter, FixedRun, Leaf, Node, RowTemplate, Varying
 
 _MOST_DEPTH = 40
 """Dicts that lie deeper in each other are not compiled."""
@@ -230,7 +230,7 @@ class _Code:
             return f"{length}s", [name], self._bytes_term(member, name)
         if not member.slot.is_list:
             return code, [name], name
-        count = length // width(member.slot.kind)
+        count = length // member.slot.kind.packed_bytes
         if not 0 < count <= _MOST_NAMED or member.slot.lengths:
             return f"{length}s", [name], self._bytes_term(member, name)
         names = [f"{name}_{at}" for at in range(count)]

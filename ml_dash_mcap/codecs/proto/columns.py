@@ -57,16 +57,11 @@ class ProtobufColumnReader:
 
         Formats of text have such values in their own way.
         """
-        forms_and_others = self._forms(payloads)
-        if (
-            forms_and_others is None
-            or len(forms_and_others[0]) != 1
-            or len(forms_and_others[1])
-            or _has_dots(forms_and_others[0][0].template.row)
-        ):
+        forms, others = self._forms(payloads)
+        if len(forms) != 1 or len(others) or _has_dots(forms[0].template.row):
             return None
         try:
-            arrays = dict(self._arrays(forms_and_others[0][0]))
+            arrays = dict(self._arrays(forms[0]))
         except InexpressibleError:
             return None
         return arrays if all(map(_is_plain, arrays.values())) else None

@@ -7,9 +7,10 @@ from dataclasses import replace
 from typing import Any, Protocol
 
 from ...rows import schema
+from ...rows.plain_row import has_lone_surrogates
 from ...rows.shape import ArrayType
 from .layout import MOST_DEPTH, Kind, Layout, Member, Slot, number_after
-from .value_slots import as_doubles, fit, is_encodable
+from .value_slots import as_doubles, fit
 
 MOST_FIELDS = 4000
 """Fields of a topic, those inside dicts included."""
@@ -63,7 +64,7 @@ class Growth:
                 draft.put(replace(member, inner=inner))
 
     def _new_member(self, number: int, key: str, slot: Slot, depth: int) -> Member | None:
-        if self._room <= 0 or len(key) > min(_LONGEST_NAME, self._letters) or not is_encodable(key):
+        if self._room <= 0 or len(key) > min(_LONGEST_NAME, self._letters) or has_lone_surrogates(key):
             return None
         if slot.kind is Kind.DICT and depth >= MOST_DEPTH:
             return None

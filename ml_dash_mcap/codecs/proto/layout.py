@@ -6,6 +6,7 @@ were written under an earlier layout are read the same under every later one.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -52,6 +53,11 @@ class Kind(Enum):
     def struct_code(self) -> str | None:
         """The format of `struct` for one number; None for what has no fixed width."""
         return _STRUCT_CODES.get(self)
+
+    @property
+    def packed_bytes(self) -> int:
+        """How many bytes one number has in a list of packed ones."""
+        return struct.calcsize(f"<{_STRUCT_CODES[self]}")
 
     @property
     def is_packed(self) -> bool:

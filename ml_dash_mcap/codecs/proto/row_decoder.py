@@ -122,8 +122,7 @@ def _single(member: Member, data: bytes, field: wire.WireField) -> Any:
 
 def _packed(member: Member, data: bytes, field: wire.WireField) -> list[Any]:
     code = member.slot.kind.struct_code or ""
-    width = struct.calcsize(f"<{code}")
-    count, rest = divmod(field.end - field.value_start, width)
+    count, rest = divmod(field.end - field.value_start, member.slot.kind.packed_bytes)
     if rest:
         raise ValueError(f"its field {field.number} ({member.key!r}) holds no whole number of values")
     values: list[Any] = list(struct.unpack_from(f"<{count}{code}", data, field.value_start))

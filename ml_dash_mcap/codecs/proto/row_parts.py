@@ -24,11 +24,6 @@ def cut(payload: bytes) -> int:
     return at
 
 
-def up_to(payload: bytes, end: int) -> bytes:
-    """Return the beginning of a row."""
-    return payload[:end]
-
-
 def time_of(payload: bytes) -> float:
     """Return a row's time stamp, in seconds."""
     time_s: float = struct.unpack_from("<d", payload, cut(payload) + len(TIME_TAG))[0]

@@ -11,6 +11,7 @@ import orjson
 
 from ...rows import packed_arrays
 from ...rows.plain_row import TIME_KEY, PlainRow
+from ...rows.shape import EXACT_INTEGER
 from . import exact_values, wire
 from .growth import member_for
 from .layout import Kind, Layout, Member
@@ -19,8 +20,6 @@ from .value_slots import Fit, fit
 
 _MOST_UNROLLED = 64
 """Lists with more elements are packed as they come, whatever their length."""
-
-_EXACT_INTEGER = 2**53
 
 _ARRAY_CODES = {f"{kind}{width}" for kind in "fiu" for width in (1, 2, 4, 8)} - {"f1", "u8"} | {"b1"}
 """The types of small arrays of numpy that are encoded from their bytes."""
@@ -143,7 +142,7 @@ class RowSource:
         return [self.constant(member.tag), Piece(variable, kind.struct_code)]
 
     def _integer_as_double(self, variable: str, place: str) -> None:
-        self._tests.append(f"{-_EXACT_INTEGER} <= {variable} <= {_EXACT_INTEGER}")
+        self._tests.append(f"{-EXACT_INTEGER} <= {variable} <= {EXACT_INTEGER}")
         self._exact.append((place, variable))
 
     def _dict(self, member: Member, value: Any, variable: str, place: str) -> list[Piece]:

@@ -238,14 +238,9 @@ def _fits(member: Member, wire_field: wire.WireField) -> bool:
     return not slot.is_packed or not (wire_field.end - wire_field.value_start) % bytes_of_each(slot)
 
 
-def width(kind: Kind) -> int:
-    """Return how many bytes a packed number has."""
-    return 1 if kind is Kind.BOOL else 8
-
-
 def bytes_of_each(slot: Slot) -> int:
     """Return of how many bytes the bytes of a list of packed numbers are a multiple."""
-    return width(slot.kind) * math.prod(slot.lengths or ())
+    return slot.kind.packed_bytes * math.prod(slot.lengths or ())
 
 
 def _put(into: dict[str, Node], member: Member, value: int) -> None:

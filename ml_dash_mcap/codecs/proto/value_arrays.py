@@ -13,7 +13,6 @@ from ...rows import typed_columns, zero_copy
 from .layout import Kind, Member
 from .row_encoder import decode_array
 from .row_match import Bytes, Numbers, Values
-from .row_template import width
 
 _MOST_BYTES = 2**31 - 1
 """Arrow counts the bytes of texts, and the elements of lists, with 31 bits."""
@@ -41,7 +40,7 @@ def of_values(member: Member, values: Sequence[Values]) -> pa.Array:
     if len(content) > _MOST_BYTES:
         raise InexpressibleError
     if member.slot.is_packed:
-        counts = joined.lengths // width(kind)
+        counts = joined.lengths // kind.packed_bytes
         return _lists(numbers(kind, content), member.slot.lengths or (), counts, len(joined.starts))
     if kind in (Kind.TEXT, Kind.BYTES):
         return _texts(kind, content, joined)

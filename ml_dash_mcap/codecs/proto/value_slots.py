@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...rows.plain_row import SMALLEST_INT
+from ...rows.plain_row import has_lone_surrogates
+from ...rows.shape import EXACT_INTEGER
 from .layout import Kind, Slot
 
 _LARGEST_SIGNED = 2**63 - 1
-_EXACT_INTEGER = 2**53
 
 _KINDS: dict[type, Kind] = {
     float: Kind.DOUBLE,
@@ -42,7 +42,7 @@ def fit(value: Any) -> Fit | None:
     are not supported").
     """
     kind = _KINDS.get(type(value))
-    if kind is Kind.TEXT and not is_encodable(value):
+    if kind is Kind.TEXT and has_lone_surrogates(value):
         return None
     if kind is not None:
         return Fit(Slot(_int_kind(value) if kind is Kind.INT else kind))
@@ -53,18 +53,7 @@ def fit(value: Any) -> Fit | None:
 
 def as_doubles(values: Sequence[Any]) -> bool:
     """Whether a double holds each of some numbers exactly."""
-    return all(type(value) is float or -_EXACT_INTEGER <= value <= _EXACT_INTEGER for value in values)
-
-
-def is_encodable(text: str) -> bool:
-    """Whether UTF-8 has bytes for a text, which it has not for lone surrogates."""
-    if text.isascii():
-        return True
-    try:
-        text.encode()
-    except UnicodeEncodeError:
-        return False
-    return True
+    return all(type(value) is float or -EXACT_INTEGER <= value <= EXACT_INTEGER for value in values)
 
 
 def _int_kind(value: int) -> Kind:
@@ -88,7 +77,7 @@ def _fit_list(values: Sequence[Any]) -> Fit | None:
         kind = _list_kind(leaves)
     if kind is None or kind is Kind.BYTES or (lengths and not kind.is_packed):
         return None
-    if kind is Kind.TEXT and not all(map(is_encodable, leaves)):
+    if kind is Kind.TEXT and any(map(has_lone_surrogates, leaves)):
         return None
     return Fit(Slot(kind, tuple(lengths)), leaves)
 
@@ -97,8 +86,3 @@ def _list_kind(integers: Sequence[int]) -> Kind | None:
     if max(integers) <= _LARGEST_SIGNED:
         return Kind.INT
     return Kind.UINT if min(integers) >= 0 else None
-
-
-def smallest(kind: Kind) -> int:
-    """Return the smallest integer of a kind of integers."""
-    return 0 if kind is Kind.UINT else SMALLEST_INT
