@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from ml_dash_mcap.errors import AlignmentError, NotFoundError, UsageError
@@ -31,7 +31,9 @@ def expected(rows: list[Row], field: str, time: float, method: str, tolerance: f
     if method == "nearest":
         near = [one for one in (before, after) if one is not None and abs(time - one) <= tolerance]
         return samples[min(near, key=lambda one: (abs(time - one), one))] if near else None
-    if method == "previous" or field in ("text", "flag", "ragged") or not has_numbers(samples.values()):
+    # A column is one of numbers if any row has one there, also a row that a later one of its time hides.
+    is_of_numbers = has_numbers(row.get(field) for row in rows)
+    if method == "previous" or field in ("text", "flag", "ragged") or not is_of_numbers:
         return samples[before] if before is not None and time - before <= tolerance else None
     if before is None or after is None or after - before > tolerance:
         return None
@@ -69,6 +71,14 @@ TOLERANCES = st.one_of(st.just(math.inf), EIGHTHS)
 
 @settings(max_examples=examples(60), deadline=None)
 @given(ROWS, ROWS, st.lists(EIGHTHS, max_size=6).map(sorted), st.sampled_from(METHODS[:3]), TOLERANCES)
+@example(
+    # The only number is in a row that a later one of the same time hides.
+    [],
+    [{"vector": [None] * 3, "_ts": 0.0}, {"vector": [0, None, None], "_ts": 0.25}, {"_ts": 0.25}],
+    [0.125],
+    "linear",
+    1.0,
+)
 def test_each_value_is_that_of_the_model(
     robot: list[Row], imu: list[Row], times: list[float], method: str, tolerance: float
 ) -> None:
